@@ -181,6 +181,16 @@ ROWS = (
         base=BAROMETER,
     ),
     Row(
+        "height from a barometer, readings of 0.1 mGal every 5 s",
+        base=(
+            "height.source=barometer",
+            "gravimeter.quantity=disturbance",
+            "gravimeter.sigma=1e-6",
+            "gravimeter.interval=5",
+        ),
+        untold=False,
+    ),
+    Row(
         "speed log with a scale factor error of 1 %",
         ("velocity.scale=0.01",),
         base=LOG,

@@ -1,6 +1,7 @@
 """Scans to batches: when one is due, and that its transition is what the strapdown does to a wrong
 navigator; readings that are late and filtered; horizontal gravity that nothing takes off."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from isogal.matching.pmht.late import sensed
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.rows import rows_of
 from isogal.matching.pmht.states import States
+from isogal.matching.reading_noise import of_vehicle
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.scans import Collected, Scan, Scans
 from isogal.matching.transitions import carried
@@ -269,6 +271,21 @@ def test_readings_before_a_gap_before_the_last_are_given_up():
     again = BatchBuilder(Matcher(batch_length=10, stride=10), GRAVITY)
     again.restore(builder.collected)
     assert again.build(P).cut == 10
+
+
+def test_what_errors_of_a_measured_height_change_by_is_not_the_vehicle_s() -> None:
+    time, rng = 5.0 * np.arange(30), np.random.default_rng(3)
+    barometer = Height(source="barometer", sigma=0.5, weather_sigma=5.0)
+    walk = np.cumsum(rng.normal(0.0, math.sqrt(2.0 * 5.0**2 / 7200.0 * 5.0), time.shape))
+    errors = walk + 0.3 * rng.standard_normal(time.shape)
+    for climbing in (0.0, 2.0):
+        seen = of_vehicle(barometer, time, 100.0 + climbing * time + errors)
+        np.testing.assert_allclose(np.diff(seen, 2), 0.0, atol=1e-9)  # a straight line
+        assert seen[-1] - seen[0] == pytest.approx(climbing * time[-1], abs=2.0)
+    dive = -np.clip(time - 60.0, 0.0, 40.0)  # of 40 m, which ends
+    assert np.abs(of_vehicle(barometer, time, dive + errors) - dive - errors).max() < 2.0
+    known = Height()
+    assert of_vehicle(known, time, errors) is errors
 
 
 def test_two_sensors_of_the_height_leave_less_of_their_errors():

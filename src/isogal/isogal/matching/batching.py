@@ -13,7 +13,7 @@ from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import InstrumentErrors, Parameters
 from isogal.matching.path import Path, sensed
-from isogal.matching.reading_noise import height_states, joined, noise_states
+from isogal.matching.reading_noise import height_states, joined, noise_states, of_vehicle
 from isogal.matching.registry import able
 from isogal.matching.residual_gravity import UNMOVED
 from isogal.matching.scans import Collected, Scan, Scans
@@ -265,7 +265,7 @@ class BatchBuilder:
                 self._noise(scans, velocity, times),
                 self.instrument.bias_walk,
                 self.instrument.delay_sigma,
-                self._added(latitude, longitude, self._scans.heights(scans), velocity),
+                self._added(times, latitude, longitude, self._scans.heights(scans), velocity),
                 self.instrument.filter_time if self._filters else 0.0,
             ),
             history=History(correction),
@@ -300,7 +300,7 @@ class BatchBuilder:
         end = float(batch.time[-1])
         _, every, apart = self._errors(latitude, velocity, told_of, end, prior)
         at_scan = self._jacobian(latitude, longitude, velocity)
-        added = self._added(latitude, longitude, np.asarray(seen.height), velocity)
+        added = self._added(told_of, latitude, longitude, np.asarray(seen.height), velocity)
         return replace(
             batch,
             latitude=latitude,
@@ -329,13 +329,17 @@ class BatchBuilder:
         return plain, every, np.concatenate([apart, moved], axis=2)
 
     def _added(
-        self, latitude: Array, longitude: Array, height: Array, velocity: Array
+        self, time: Array, latitude: Array, longitude: Array, height: Array, velocity: Array
     ) -> Array | None:
         """Return (T,) what the reduction adds to readings at the scans; None of readings that are
-        several numbers."""
+        several numbers.
+
+        Of heights that the vehicle has gone to: a model of late readings that took for its motion
+        what errors of a measured height change by would foretell these errors, and be believed."""
         if self._scans.shape[0] > 1:
             return None
-        at = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1])
+        up = of_vehicle(self._height, time, height)
+        at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
         return self.reduction.reduce(np.zeros(len(latitude)), at)
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:

@@ -14,6 +14,9 @@ from isogal.sensors.reduction import Reduction, State
 
 INSTANT_S = 1e-3
 """Correlation time of what only the readings of one scan have in common."""
+CERTAIN = 3.0
+"""1-sigmas of its errors by which a measured height departs from a line at least where it is the
+vehicle that does."""
 _State = tuple[str, float, float, Array]
 """Name, 1-sigma, correlation time (s), and what it adds to each of T readings per unit."""
 
@@ -73,6 +76,21 @@ def height_states(settings: Height, reduction: Reduction, at: State) -> list[_St
         ("height_weather", settings.weather_sigma, settings.weather_time, slope),
     ]
     return [one for one in each if one[1] > 0.0]
+
+
+def of_vehicle(settings: Height, time: Array, height: Array) -> Array:
+    """Return (T,) how a vehicle has gone up and down by measured heights (T,), m, at times (T,),
+    s: their straight line, and what departs from that by more than their errors do
+    (docs/mathematics.md, section 5.4)."""
+    if not settings.measured or len(time) < 3:
+        return height
+    line = np.polynomial.Polynomial.fit(time, height, 1)(time)
+    rest = height - line
+    # a random walk for so long has this variance about its line
+    walk = 2.0 * settings.weather_sigma**2 / settings.weather_time * (time[-1] - time[0]) / 15.0
+    errors = CERTAIN**2 * (settings.sigma**2 + walk)
+    share = 1.0 - errors / max(float((rest**2).mean()), errors)
+    return np.asarray(line + share * rest)
 
 
 def joined(states: Sequence[_State]) -> Parameters | None:

@@ -443,8 +443,9 @@ def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
     begins = larger & ~there, smaller, (models.quieter >= 0) & ~np.isfinite(best)
     begins[2][begins[2]] = (near & likely)[models.quieter[begins[2]]]
     new = np.full((3, len(total)), -1)  # the model that begins with what one knows, by three ways
-    for way, each in enumerate(np.flatnonzero(which) for which in begins):
-        new[way, (each - 1, each + 1, models.quieter[each])[way]] = each
+    for k, which in enumerate(begins):
+        each = np.flatnonzero(which)
+        new[k, (each - 1, each + 1, models.quieter[each])[k]] = each
     way, those = np.nonzero(new[:, kept.which] >= 0)
     if not those.size:
         return kept

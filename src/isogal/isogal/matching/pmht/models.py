@@ -399,7 +399,7 @@ def table_of(
     shape = np.unique(np.stack([rough, length], axis=1), axis=0, return_inverse=True)[1]
     noisier = {(r[3].noise, *r[:2]): k for k, r in enumerate(rows) if r[3].family == NOISIER}
     less = dict(itertools.pairwise(sorted({key[0] for key in noisier}, reverse=True)))
-    quieter = [noisier.get((less.get(r[3].noise), *r[:2]), -1) for r in rows]
+    quieter = [noisier.get((less.get(r[3].noise, 0.0), *r[:2]), -1) for r in rows]
     return Models(
         sigma,
         length,
