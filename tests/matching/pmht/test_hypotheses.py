@@ -38,6 +38,7 @@ from isogal.matching.pmht.models import (
     FAULTS,
     FILTERED,
     LATE,
+    NOISIER,
     NONE,
     SHAKEN,
     UNHEARD_OF,
@@ -406,7 +407,8 @@ def test_a_search_has_few_models():
     assert least > 0.4e-5
     assert (np.diff(np.log(sigmas)) > np.log(1.9)).all()
     assert sigmas[-1] == UNTOLD.sigma[UNTOLD.family == NONE].max()
-    assert (part.family == NONE).all()
+    assert set(part.family) == {NONE, NOISIER}
+    assert set(part.noise) == {1.0, 10.0, 100.0, 1000.0}
     assert np.exp(part.log_prior).sum() == pytest.approx(1.0)
     assert len(few(models(sigma=0.0, trust=1.0), 1e-5).sigma) == 1
 
@@ -487,7 +489,7 @@ def test_a_told_bias_is_counted():
     """As a Gaussian whose covariance has the bias in all readings."""
     (without, centres), (with_bias, _) = seen_of(0.0), seen_of(5e-5)
     residual = residuals_at(with_bias.rows, ROUGH.grid, centres)
-    R = with_bias.other + 100.0**2 * with_bias.blur
+    R = np.diag(with_bias.noise) + with_bias.other + 100.0**2 * with_bias.blur
     np.testing.assert_allclose(with_bias.other - without.other, 25e-10, rtol=1e-9)
     square = (np.linalg.solve(np.linalg.cholesky(R), residual) ** 2).sum(axis=0)
     expected = -0.5 * (square + np.linalg.slogdet(R)[1])

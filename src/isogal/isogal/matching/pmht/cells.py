@@ -143,8 +143,10 @@ class Seen:
 
     rows: Rows
     grid: Grid
+    noise: Array
+    """(n,) variance of the white noise."""
     other: Array
-    """(n, n) covariance of what is not the map's error, of no cell."""
+    """(n, n) covariance of what is neither noise nor the map's error, of no cell."""
     blur: Array
     """(n, n) what is to be added to it per squared size of a cell, 1 / m²."""
     shape: Array
@@ -180,7 +182,8 @@ class Seen:
         )  # fmt: skip
         distance = np.hypot(apart[..., 0], apart[..., 1])
         slope = slopes(field_map, grouped.latitude, grouped.longitude, distance)
-        other = np.diag(mean(rows.noise) / size)
+        noise = mean(rows.noise) / size
+        other = np.zeros((len(noise), len(noise)))
         covariance, gone = map(mean, states_at(rows, since, models.initial[0]))
         order = mean(np.arange(float(len(rows.level))))
         for effect, unit in (
@@ -189,7 +192,7 @@ class Seen:
             other += unit * in_common(effect, covariance, gone, order)
         load = grouped.load[models.shape[0]]
         shape = decay(distance, models.length[0]) * (load @ load.T)
-        return cls(grouped, field_map.grid, other, slope / 6.0, shape, models)
+        return cls(grouped, field_map.grid, noise, other, slope / 6.0, shape, models)
 
     def log_evidence(self, residual: Array, cell: float) -> Array:
         """Return (C, M) log evidence of residuals (n, C) in cells of a size (m), with the models'
@@ -197,17 +200,21 @@ class Seen:
 
         All models have one correlation length: with D the covariance of what is not the map's
         error and E the correlation of that, both are diagonal in the eigenvectors of E relative to
-        D, and the residuals are turned once for all sigmas."""
+        D, and for each noise the residuals are turned once for all sigmas."""
         models = self.models
-        factor = np.linalg.inv(np.linalg.cholesky(self.other + cell**2 * self.blur))
-        values, vectors = np.linalg.eigh(factor @ self.shape @ factor.T)
-        turned = ((vectors.T @ factor).astype(np.float32) @ residual.astype(np.float32)) ** 2
-        variance = 1.0 + np.outer(models.sigma**2, np.maximum(values, 0.0))
-        log = -0.5 * (1.0 / variance).astype(np.float32) @ turned
-        constant = models.log_prior - 0.5 * np.log(variance).sum(axis=1)
-        log = (log.T + constant + np.log(np.diag(factor)).sum()).astype(np.float64)
+        log = np.empty((residual.shape[1], len(models.sigma)))
+        for noise in np.unique(models.noise):
+            which = models.noise == noise
+            D = noise * np.diag(self.noise) + self.other + cell**2 * self.blur
+            factor = np.linalg.inv(np.linalg.cholesky(D))
+            values, vectors = np.linalg.eigh(factor @ self.shape @ factor.T)
+            turned = (vectors.T @ factor).astype(np.float32) @ residual.astype(np.float32)
+            variance = 1.0 + np.outer(models.sigma[which] ** 2, np.maximum(values, 0.0))
+            constant = models.log_prior[which] - 0.5 * np.log(variance).sum(axis=1)
+            constant += np.log(np.diag(factor)).sum()
+            log[:, which] = constant - 0.5 * (turned.T**2 @ (1.0 / variance.T).astype(np.float32))
         log[~np.isfinite(log)] = -np.inf
-        return np.asarray(log)
+        return log
 
 
 def slopes(field_map: AnyMap, latitude: Array, longitude: Array, distance: Array) -> Array:

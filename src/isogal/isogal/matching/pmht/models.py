@@ -421,12 +421,14 @@ def table_of(
 
 
 def few(models: Models, noise: float) -> Models:
-    """Return the models by which a place is searched for: those without a fault, of the usual
-    length, with no map error and with sigmas that are at least a factor of two apart, down to
-    what readings of a 1-sigma can distinguish."""
-    plain = np.flatnonzero((models.family == NONE) & (models.length == np.median(models.length)))
-    sigma = models.sigma[plain]
-    wanted = sigma > NARROW * noise
-    wanted[-2::-2], wanted[-1] = False, True  # every second step of SIGMA_STEP
-    part = Models._make(column[plain[wanted | (sigma == 0.0)]] for column in models)
+    """Return the models by which a place is searched for: those without a fault but of the noise,
+    whose variances are a decade apart, of the usual length, with no map error and with sigmas that
+    are at least a factor of two apart, down to what readings of a 1-sigma can distinguish."""
+    index = np.arange(float(len(models.sigma)))
+    every_second = (largest(index, models.group) - index) % 2.0 == 0.0  # step of SIGMA_STEP
+    shown = every_second & (models.sigma > NARROW * noise * np.sqrt(models.noise))
+    decade = np.isin(models.noise, 10.0 ** np.arange(4.0))
+    plain = (models.family == NONE) | (models.family == NOISIER) & decade
+    wanted = plain & (models.length == np.median(models.length)) & (shown | (models.sigma == 0.0))
+    part = Models._make(column[wanted] for column in models)
     return part._replace(log_prior=part.log_prior - np.logaddexp.reduce(part.log_prior))
