@@ -28,7 +28,7 @@ from isogal_ros.messages.gravimeter import PLATFORM, accelerations
 from isogal_ros.messages.imu import fill_imu
 from isogal_ros.messages.odometry import fill_odom
 from isogal_ros.messages.position import fill_fix
-from isogal_ros.messages.stamped_numbers import fill_numbers
+from isogal_ros.messages.stamped_numbers import fill_nav_covariance
 from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns
 from isogal_ros.nodes.health import OK, figures_of
 from isogal_ros.nodes.signals import Interrupt
@@ -92,7 +92,7 @@ def nav_messages(
     state = np.array([latitude, longitude, 100.0, *velocity, 0.0, *from_heading(0.8)])
     fill_fix(fix, ns, latitude, longitude, 100.0, matrix[:3, :3])
     fill_odom(odom, ns, map_frame(scenario), state, np.zeros(3), matrix)
-    fill_numbers(cov, ns, matrix[np.ix_(BATCH, BATCH)])
+    fill_nav_covariance(cov, ns, matrix[np.ix_(BATCH, BATCH)])
     return [(topics.NAV_COVARIANCE, cov), (topics.NAV_FIX, fix), (topics.NAV_ODOM, odom)]
 
 

@@ -32,7 +32,6 @@ from isogal_ros.messages.position import (
 )
 from isogal_ros.messages.stamped_numbers import (
     fill_nav_covariance,
-    fill_numbers,
     peek_numbers_ns,
     read_nav_covariance,
 )
@@ -154,7 +153,7 @@ def test_a_pose_is_of_the_map_where_the_plane_of_a_fix_far_away_is_tilted(north)
 @given(st.integers(0, 2**31 * 10**9 - 1))
 def test_the_stamp_of_numbers(ns) -> None:
     message = Float64MultiArray()
-    fill_numbers(message, ns, np.eye(7))
+    fill_nav_covariance(message, ns, np.eye(7))
     assert peek_numbers_ns(serialize_message(message)) == ns
 
 

@@ -27,6 +27,7 @@ from isogal_ros.messages.checks import (
 )
 from isogal_ros.messages.frames import BASE, FRD_FLU
 from isogal_ros.messages.position import fill_fix, read_covariance, read_place, read_pose
+from isogal_ros.messages.prepared import write
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
 
@@ -125,12 +126,9 @@ def fill_twist(
     variance : (3,) array or float
         Of each axis, (m/s)²; 0 = unknown.
     """
-    set_stamp(message.header.stamp, ns)
-    linear = message.twist.twist.linear
-    linear.x, linear.y, linear.z = np.nan_to_num(velocity).tolist()
     found = np.where(np.isnan(velocity), ABSENT, variance)
-    for axis, value in enumerate(found.tolist()):
-        message.twist.covariance[7 * axis] = value
+    covariance = np.diag([*found, 0.0, 0.0, 0.0])
+    write(message, ns, np.nan_to_num(velocity), np.zeros(3), covariance)
 
 
 def read_velocity(

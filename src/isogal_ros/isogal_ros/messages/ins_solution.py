@@ -27,8 +27,7 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
 from isogal_ros.messages.odometry import FASTEST, empty_odometry, fill_odom, read_velocity
 from isogal_ros.messages.position import fill_fix, read_point, read_position
-from isogal_ros.messages.prepared import Prepared
-from isogal_ros.messages.stamps import set_stamp
+from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.topics import Message, Topic
 
 ENU = "enu"
@@ -121,19 +120,15 @@ def fill_error(
     covariance : (9+, 9+) array
         Of the state: position, velocity, attitude, NED.
     """
-    set_stamp(message.header.stamp, ns)
     message.header.frame_id = message.child_frame_id = ENU
     north, east = horizontal_difference(*solution[:2], *state[:2])
-    point, orientation = message.pose.pose.position, message.pose.pose.orientation
-    point.x, point.y, point.z = float(east), float(north), float(solution[2] - state[2])
-    linear = message.twist.twist.linear
-    linear.x, linear.y, linear.z = (NED_ENU @ (solution[3:6] - state[3:6])).tolist()
+    place = east, north, solution[2] - state[2]
+    velocity = NED_ENU @ (solution[3:6] - state[3:6])
     w, x, y, z = state[6:]
     turn = NED_ENU @ np.array(to_rotation_vector(*multiply(*solution[6:], w, -x, -y, -z)))
-    q = from_rotation_vector(*turn)
-    orientation.w, orientation.x, orientation.y, orientation.z = q
+    orientation = np.roll(from_rotation_vector(*turn), -1)  # w last
     axes, twist = np.zeros((6, 6)), np.zeros((6, 6))
     axes[:3, :3] = axes[3:, 3:] = NED_ENU
     twist[:3, :3] = NED_ENU @ covariance[3:6, 3:6] @ NED_ENU
-    message.pose.covariance = (axes @ covariance[np.ix_(_POSE, _POSE)] @ axes).ravel()
-    message.twist.covariance = twist.ravel()
+    pose = axes @ covariance[np.ix_(_POSE, _POSE)] @ axes
+    write(message, ns, place, orientation, pose, velocity, np.zeros(3), twist)

@@ -30,6 +30,7 @@ from isogal_ros.messages.checks import (
 )
 from isogal_ros.messages.frames import framed
 from isogal_ros.messages.point import fill_point, number, numbers, read_point
+from isogal_ros.messages.prepared import write
 
 MAGNETOMETER, MAIN_FIELD = "magnetometer_link", "main_field"
 """Frame names. `main_field` has its z axis along the main field, the direction in which an anomaly
@@ -55,10 +56,8 @@ def _write_total(ns: int, value: Reading, variance: Reading, place: Place) -> Ma
 
 def write_vector(ns: int, vector: Sequence[float] | Array, variance: float) -> MagneticField:
     """Return a message of a vector (3,), nT, with the variance of each component."""
-    message = framed(topics.MAGNETIC_FIELD, MAGNETOMETER, ns)
-    field = message.magnetic_field
-    field.x, field.y, field.z = (float(part) * TESLA for part in vector)
-    message.magnetic_field_covariance = (np.eye(3) * variance * TESLA**2).ravel()
+    message = framed(topics.MAGNETIC_FIELD, MAGNETOMETER)
+    write(message, ns, np.array(vector) * TESLA, np.eye(3) * variance * TESLA**2)
     return message
 
 
@@ -99,10 +98,9 @@ def read_total(message: MagneticField) -> tuple[float, float | None]:
 
 def _write_anomaly(ns: int, value: Reading, variance: Reading, place: Place) -> MagneticField:
     """Return a message of an anomaly, nT, with nothing across the main field."""
-    message = framed(topics.ANOMALY, MAIN_FIELD, ns)
-    field = message.magnetic_field
-    field.x, field.y, field.z = math.nan, math.nan, float(value) * TESLA
-    message.magnetic_field_covariance[8] = float(variance) * TESLA**2
+    message = framed(topics.ANOMALY, MAIN_FIELD)
+    along = np.diag([0.0, 0.0, float(variance)]) * TESLA**2
+    write(message, ns, (math.nan, math.nan, float(value) * TESLA), along)
     return message
 
 

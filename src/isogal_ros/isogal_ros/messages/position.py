@@ -14,7 +14,6 @@ from isogal.earth.frames import LocalFrame
 from isogal_ros.messages.checks import BadMessageError, require_covariance, require_frame
 from isogal_ros.messages.frames import BASE, MAP, NED_ENU
 from isogal_ros.messages.prepared import Prepared, write
-from isogal_ros.messages.stamps import set_stamp
 
 NOT_MEASURED = 1e6
 """Variance that stands for a direction that a sensor does not measure, in the message's unit."""
@@ -24,6 +23,10 @@ HEIGHT_VARIANCE = 1e4
 """m². A fix measures no height: its height is the navigator's. Far from the origin the plane of a
 fix is tilted against that of the map (by 2.7 degrees after 300 km), and a variance that means
 "not at all" would spill into the plane."""
+
+
+LEVEL = 0.0, 0.0, 0.0, 1.0
+"""Orientation (x, y, z, w) that turns nothing."""
 
 
 def fill_fix(
@@ -151,13 +154,9 @@ def fill_pose(
     covariance : (2, 2) array
         North, east, m².
     """
-    set_stamp(message.header.stamp, ns)
-    point, orientation = message.pose.pose.position, message.pose.pose.orientation
-    point.x, point.y, point.z = frame.from_geodetic(*position).tolist()
-    orientation.w = 1.0
     local = np.diag([0.0, 0.0, HEIGHT_VARIANCE])
     local[:2, :2] = covariance
     axes = frame.rotation_from(position[0], position[1]) @ NED_ENU
     whole = np.diag([0.0, 0.0, 0.0, NOT_MEASURED, NOT_MEASURED, NOT_MEASURED])
     whole[:3, :3] = axes @ local @ axes.T
-    message.pose.covariance = whole.ravel()
+    write(message, ns, frame.from_geodetic(*position), LEVEL, whole)

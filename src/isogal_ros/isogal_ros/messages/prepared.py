@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from functools import cache, reduce
 
 import numpy as np
+from numpy.typing import ArrayLike
 from rclpy.serialization import serialize_message
 
 from isogal.arrays import Array
@@ -19,7 +20,6 @@ from isogal_ros.topics import Message
 
 _STAMP, _STAMP_AT = struct.Struct("=iI"), 4
 """Behind four bytes that say how the message is represented."""
-_NONE = np.empty(0)
 
 
 class Prepared:
@@ -95,8 +95,10 @@ def numbers_of(message: Message | Prepared) -> Array:
     return np.concatenate([np.empty(0), *(np.atleast_1d(np.asarray(one, float)) for one in parts)])
 
 
-def write(message: Message | Prepared, ns: int, numbers: Array = _NONE) -> None:
-    """Write a stamp into the header of a message, and all its numbers."""
+def write(message: Message | Prepared, ns: int, *parts: ArrayLike) -> None:
+    """Write a stamp into the header of a message, and all its float64: numbers and arrays in the
+    order of its fields, row by row."""
+    numbers = np.concatenate([np.empty(0), *(np.ravel(part) for part in parts)])
     if isinstance(message, Prepared):
         message.write(ns, numbers)
         return

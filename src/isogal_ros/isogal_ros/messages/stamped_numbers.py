@@ -15,15 +15,9 @@ from isogal_ros.messages.prepared import Prepared, Reader, write
 from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
 
 
-def fill_numbers(message: Float64MultiArray | Prepared, ns: int, *arrays: Array) -> None:
-    """Write a stamp (s, then ns) and the numbers of arrays, row by row, into a Float64MultiArray,
-    which has no header."""
-    write(message, ns, np.concatenate((divmod(ns, SECOND), *(one.ravel() for one in arrays))))
-
-
 def peek_numbers_ns(serialised: bytes) -> int:
-    """Return the stamp at the head of a serialised Float64MultiArray that `fill_numbers` wrote,
-    without decoding the rest.
+    """Return the stamp at the head of a serialised Float64MultiArray that
+    `fill_nav_covariance` wrote, without decoding the rest.
 
     Raises
     ------
@@ -47,7 +41,8 @@ def fill_nav_covariance(
     covariance: Array,
     since: Since | None = None,
 ) -> None:
-    """Write the covariance of the navigator's errors.
+    """Write the covariance of the navigator's errors, behind its stamp (s, then ns): the message
+    has no header.
 
     Parameters
     ----------
@@ -59,11 +54,8 @@ def fill_nav_covariance(
         What there is to say of the time since the last fix; its stamp and its arrays follow the
         covariance.
     """
-    if since is None:
-        fill_numbers(message, ns, covariance)
-        return
-    begin = np.array(divmod(from_seconds(since.begin), SECOND), dtype=float)
-    fill_numbers(message, ns, covariance, begin, *since.arrays)
+    begin = () if since is None else divmod(from_seconds(since.begin), SECOND)
+    write(message, ns, divmod(ns, SECOND), covariance, begin, *(since.arrays if since else ()))
 
 
 def read_nav_covariance(
