@@ -10,6 +10,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import String
 
+from helpers.recordings import rewritten
 from isogal.errors import InputError
 from isogal.evaluation.view.record import AidUse, Event
 from isogal.scenario import Scenario
@@ -118,3 +119,24 @@ def test_what_cannot_be_read_is_left_out_and_said(tmp_path, capsys) -> None:
     bag.close()
     with pytest.raises(InputError, match="has no two messages on nav/fix"):
         open_bag(tmp_path / "cut")
+
+
+@pytest.mark.parametrize("cut", ["pmht_mm/fix", "pmht_mm/candidates", "gravimeter/disturbance"])
+def test_a_message_that_is_cut_off_in_its_body_is_left_out(
+    recording, tmp_path, capsys, cut
+) -> None:
+    """One ended view and replay with a traceback."""
+    seen: list[bytes] = []
+
+    def change(topic: str, data: bytes) -> bytes:
+        seen.extend([data] if topic == f"/{cut}" else [])
+        return data[: len(data) * 2 // 3] if topic == f"/{cut}" and len(seen) == 2 else data
+
+    bag = rewritten(recording, tmp_path / "bag", change)
+    viewed, _ = open_bag(bag)
+    said = f"messages left out of /{cut}: 1 (cut off, or of another type)"
+    assert said in capsys.readouterr().err
+    whole, _ = open_bag(recording)
+    missing = {"pmht_mm/fix": (0, 1), "gravimeter/disturbance": (1, 0)}.get(cut, (0, 0))
+    for name, less in zip(("time", "fix_time"), missing, strict=True):
+        assert len(getattr(viewed.runs, name)) == len(getattr(whole.runs, name)) - less

@@ -3,6 +3,7 @@
 import json
 import time
 from collections import Counter
+from collections.abc import Iterable
 
 import numpy as np
 import yaml
@@ -13,14 +14,14 @@ from std_msgs.msg import String
 
 from helpers.command_line import answer
 from helpers.domains import claim_domain
-from helpers.node_bench import absolute, run_here, topics_of
+from helpers.node_bench import absolute, bench, run_here, topics_of
 from helpers.recordings import record
 from isogal.earth.frames import horizontal_difference
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER, RecorderNode
 from isogal_ros.graph.domain import local_context
-from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.messages.stamps import from_seconds, peek_ns, set_stamp
 from isogal_ros.nodes.health import ERROR, figures_of
 from isogal_ros.nodes.spin import make_executor
 from isogal_ros.parameters.values import node_values
@@ -59,6 +60,37 @@ def test_recorded_time_is_the_simulations(recording) -> None:
         if message.topic in ("/imu/data_raw", "/nav/odom", "/nav/fix"):
             assert message.log_ns == peek_ns(message.data)
     assert last == {True: 360 * 10**9, False: 360 * 10**9}
+
+
+def test_recorded_time_goes_on_after_a_wrong_stamp_and_follows_time_that_begins_anew(
+    scenario, tmp_path
+) -> None:
+    """The clock of another simulation, which jumps to and fro, is no time of this one."""
+    with bench(RECORDER, scenario(), bag=str(tmp_path / "bag")) as made:
+
+        def play(times: Iterable[float], of_clock: float) -> None:
+            for k in times:
+                clock = topics.CLOCK.type()
+                set_stamp(clock.clock, from_seconds(k + of_clock))
+                made.publish(topics.CLOCK, clock)
+                made.imu(k)
+
+        play((1.0, 2.0), 0.0)
+        play((3.0, 4.0), 5000.0)
+        made.imu(9000.0)
+        play((5.0, 6.0), -4.0)
+        play((1000.0, 1001.0, 1002.0), 0.0)  # a real gap, of which the first is held
+        play((1.0, 2.0, 3.0), 0.0)  # begun anew
+        made.node._finish()
+    logged = [m.log_ns // 10**9 for m in BagReader(tmp_path / "bag").messages()]
+    assert [second for second in logged if second] == [
+        *[1, 1, 2, 2],
+        *[2, 3, 3, 4],
+        4,
+        *[4, 5, 5, 6],
+        *[6, 6, 6, 1001, 1002, 1002],
+        *[1002, 1002, 1002, 2, 3, 3],
+    ]
 
 
 def test_recorded_types_are_the_publishers(recording, scenario) -> None:

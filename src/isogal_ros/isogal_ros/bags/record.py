@@ -1,15 +1,12 @@
 """The messages of a run, by stamp, and the record that the evaluation works on, which is made of
 them: of a bag, also while it is written."""
 
-import struct
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from typing import TypedDict
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatStatus
 
@@ -30,7 +27,7 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import type_taken
 from isogal_ros.messages.point import read_candidates
 from isogal_ros.messages.position import read_covariance, read_place, read_position
-from isogal_ros.messages.prepared import Reader
+from isogal_ros.messages.prepared import Reader, decoded
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import Topic, type_name
@@ -130,7 +127,10 @@ class Collector:
     def _take_diagnostics(self, data: bytes) -> None:
         if _one_that_is_ok(data):
             return
-        array = deserialize_message(data, topics.DIAGNOSTICS.type)
+        try:
+            array = decoded(data, topics.DIAGNOSTICS.type)
+        except BadMessageError:
+            return
         for item in array.status:
             if self.namespace not in (None, item.name.rpartition("/")[0]):
                 continue
@@ -152,7 +152,7 @@ def _one_that_is_ok(data: bytes) -> bool:
         content.text()
         (count,) = content.take("I")
         (level,) = content.take("B")
-    except (struct.error, UnicodeDecodeError):
+    except BadMessageError:
         return False
     return bool(count == 1 and bytes([int(level)]) == DiagnosticStatus.OK)
 
@@ -163,8 +163,10 @@ def wanted_messages(
     """Yield topic and serialised message of a bag, of the topics that are wanted, in whatever
     namespace they were recorded, as the graph has them; of a bag that is being written, only what
     is new since the last time if that is asked for. What is of another type, cut off, or a
-    position of no place on the Earth, as of a receiver without satellites, is left out."""
+    position of no place on the Earth, as of a receiver without satellites, is left out, and that
+    is said."""
     found: dict[str, Topic | None] = {}
+    left_out: dict[str, list[str]] = {}
     for message in reader.new_messages() if new else reader.messages():
         name = message.topic
         if name not in found:
@@ -178,26 +180,33 @@ def wanted_messages(
         topic = found[name]
         if topic is not None:
             kind = reader.types[name]
-            with suppress(BadMessageError):  # of a driver that says nothing that can be used
+            try:
                 if len(message.data) < _SHORTEST:
-                    continue
+                    raise BadMessageError("no message")
                 data = reader.entrance.take_serialised(topic, message.data, kind, message.log_ns)
-                if topic in _PLACES:
-                    _require_place(data)
-                yield topic, data
+                _require_whole(topic, data)
+            except BadMessageError as error:
+                left_out.setdefault(name, []).append(str(error))
+                continue
+            yield topic, data
+    for name, why in () if new else left_out.items():
+        note(f"{reader.path}: messages left out of {name}: {len(why)} ({why[-1]})")
 
 
 _PLACES = topics.NAV_FIX, topics.TRUTH_FIX, topics.INS_FIX
 _SHORTEST = 12
 """Bytes of a serialised message that has a stamp and nothing else."""
+_UNCHECKED = topics.IMU, topics.DIAGNOSTICS
+"""Topics whose readers look themselves whether messages are whole: there are many."""
 
 
-def _require_place(data: bytes) -> None:
-    """Raise BadMessageError unless a serialised NavSatFix can be read, and is of a place."""
-    try:
-        read_place(deserialize_message(data, topics.NAV_FIX.type))
-    except rclpy_implementation.RMWError as error:
-        raise BadMessageError(str(error)) from None
+def _require_whole(topic: Topic, data: bytes) -> None:
+    """Raise BadMessageError unless a serialised message can be read, and a position is of a
+    place."""
+    if topic not in _UNCHECKED:
+        message = decoded(data, topic.type)
+        if topic in _PLACES:
+            read_place(message)
 
 
 LONGEST_GAP = 10_000_000_000

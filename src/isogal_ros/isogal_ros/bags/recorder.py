@@ -16,14 +16,19 @@ from isogal_ros import topics
 from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.messages.adapter import topics_in_use
-from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.messages.checks import BadMessageError
+from isogal_ros.messages.ins_solution import inertial_topics
+from isogal_ros.messages.stamps import SECOND, peek_ns
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
+from isogal_ros.nodes.stuck import TimeJumps
 from isogal_ros.topics import Topic
 
 RECORDER = "isogal_recorder"
+JUMP = 60 * SECOND
+"""ns between two stamps, beyond which time has jumped, or a stamp is wrong."""
 
 
 class RecorderSettings(NodeSettings):
@@ -43,11 +48,13 @@ class RecorderSettings(NodeSettings):
 class RecorderNode(GraphNode[RecorderSettings]):
     """Writes messages as they come, serialised; the bag also keeps the scenario.
 
-    Log time is the simulation's clock, never earlier than the message's own stamp, as with ``ros2
-    bag record --use-sim-time``. The simulator may publish some steps at once, and its clock is
-    then ahead of the navigator: what that publishes has the time of its newest stamp. Publish time
-    is the wall clock at reception, as the events executor does not tell when a serialised message
-    was sent."""
+    Log time is that of the stamps, as with ``ros2 bag record --use-sim-time``, and never earlier
+    than the message's own, unless that is far from all others: to where time jumps is for the
+    inertial data to say, not for a clock of another simulation or a single wrong stamp, after
+    which all messages would have the same time. The simulator may publish some steps at once, and
+    its clock is then ahead of the navigator: what that publishes has the time of its newest stamp.
+    Publish time is the wall clock at reception, as the events executor does not tell when a
+    serialised message was sent."""
 
     sections: ClassVar[Sequence[str]] = tuple(Scenario.model_fields)
     settings_model: ClassVar[type[NodeSettings]] = RecorderSettings
@@ -67,7 +74,9 @@ class RecorderNode(GraphNode[RecorderSettings]):
             raise InputError(f"bag: {own.bag}: cannot be written: {error.strerror}") from None
         self.get_logger().info(f"records into {self.writer.path}")
         self._now = self._navigated = 0
-        """The clock, and the time of the navigator, ns."""
+        """The time, and that of the navigator, ns."""
+        self._inertial, self._has_inertial = inertial_topics(self.scenario.ins), False
+        self._jumps = TimeJumps(JUMP, back=True)
         self._written = 0
         self.watch("short of disk space", self._disk)
         for topic in topics_in_use(self.scenario):
@@ -81,9 +90,9 @@ class RecorderNode(GraphNode[RecorderSettings]):
                 return
             if is_clock or hasattr(listening.type, "header"):
                 stamp = peek_ns(data)
-                self._now = max(self._now, stamp)
+                self._go_on(topic, stamp)
                 if by_navigator:
-                    self._navigated = max(self._navigated, stamp)
+                    self._navigated = max(self._navigated, min(stamp, self._now))
             try:
                 if not self.writer.knows(name):
                     self._add(name, listening.type)
@@ -94,6 +103,21 @@ class RecorderNode(GraphNode[RecorderSettings]):
 
         listening = self.hear(topic, write, raw=True)
         name = listening.topic_name
+
+    def _go_on(self, topic: Topic, stamp: int) -> None:
+        """Take the stamp (ns) of a message for the time, if that is what it is."""
+        is_inertial = topic in self._inertial
+        self._has_inertial |= is_inertial
+        if self._now and (is_inertial or not self._has_inertial):
+            try:
+                self._jumps.check(stamp, self._now)
+            except BadMessageError:
+                return
+        elif self._now and abs(stamp - self._now) > JUMP:
+            return
+        begins_anew = stamp < self._now - JUMP
+        self._now = stamp if begins_anew else max(self._now, stamp)
+        self._navigated = min(self._navigated, self._now)
 
     def _add(self, name: str, kind: type[topics.Message]) -> None:
         """Make a topic known to the bag with what its publishers offer; the history is not part of

@@ -6,13 +6,17 @@ import numpy as np
 from geometry_msgs.msg import Quaternion
 
 from isogal.arrays import Array
-from isogal_ros.messages.stamps import to_seconds
+from isogal_ros.messages.stamps import SECOND, to_seconds
 from isogal_ros.topics import Message
 
 ABSENT = -1.0
 """Variance of what a sensor does not measure, as sensor_msgs has it."""
 LARGEST = 1e30
 """Of a number in a covariance, in its unit: of a larger one products overflow."""
+
+
+FAR_BACK = 10 * SECOND
+"""ns by which a stamp is older than one late message has a reason to be."""
 
 
 class BadMessageError(Exception):
@@ -22,8 +26,9 @@ class BadMessageError(Exception):
 def require_later(ns: int, last: int) -> None:
     """Raise BadMessageError unless a stamp (ns) is later than the last one."""
     if ns <= last:
+        anew = "; where time begins anew, call ~/reset" if last - ns > FAR_BACK else ""
         raise BadMessageError(
-            f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(last):.3f} s"
+            f"stamp {to_seconds(ns):.3f} s is not later than {to_seconds(last):.3f} s{anew}"
         )
 
 

@@ -27,7 +27,7 @@ from geometry_msgs.msg import (
 )
 from nav_msgs.msg import Odometry
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import FluidPressure, Imu, LaserScan, MagneticField, PointCloud2, Range
 from std_msgs.msg import Float32, Float64
 
@@ -40,6 +40,7 @@ from isogal_ros.messages.altimeter import FAN
 from isogal_ros.messages.checks import ABSENT
 from isogal_ros.messages.frames import BASE, MAP, FrameNames
 from isogal_ros.messages.gravimeter import PLATFORM
+from isogal_ros.messages.prepared import decoded
 from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Message, Topic, type_name
 
@@ -303,7 +304,7 @@ class Entrance:
         taken = type_taken(topic, (kind,)) or topic.type
         if taken is topic.type and not self.changes(topic):
             return data
-        message = deserialize_message(data, taken)
+        message = decoded(data, taken)
         return bytes(serialize_message(self.take(topic, message, received)))
 
 

@@ -4,7 +4,6 @@ An entry of `drivers` that asks for it (`from_tf`) has its `rotation` and `trans
 it does not say them itself, from /tf_static. They are looked up once, before anything is used, so
 that all of a run has the same; the recorder keeps what was found."""
 
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -71,7 +70,7 @@ def read_transforms(data: bytes) -> dict[str, Link]:
                 found[child] = Link(parent, pose_of(numbers[:3], matrix(turn)))
             except BadMessageError as error:
                 found[child] = Link(parent, np.eye(4), f"transform to {child!r}: {error}")
-    except (struct.error, UnicodeDecodeError):
+    except BadMessageError:
         raise BadMessageError("no transforms") from None
     return found
 

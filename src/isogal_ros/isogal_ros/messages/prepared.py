@@ -12,9 +12,11 @@ from functools import cache, reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
-from rclpy.serialization import serialize_message
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.serialization import deserialize_message, serialize_message
 
 from isogal.arrays import Array
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import SECOND, set_stamp
 from isogal_ros.topics import Message
 
@@ -87,6 +89,15 @@ def serialised(message: Message | Prepared) -> bytes:
     return message if isinstance(message, bytes) else serialize_message(message)
 
 
+def decoded(data: bytes, kind: type[Message]) -> Message:
+    """Return a serialised message of a class; raises BadMessageError where it is cut off, or of
+    another."""
+    try:
+        return deserialize_message(data, kind)
+    except rclpy_implementation.RMWError:
+        raise BadMessageError("cut off, or of another type") from None
+
+
 def numbers_of(message: Message | Prepared) -> Array:
     """Return (N,) all float64 of a message, in the order of its fields."""
     if isinstance(message, Prepared):
@@ -143,8 +154,8 @@ def _numbers(form: str) -> tuple[struct.Struct, int]:
 
 
 class Reader:
-    """Takes the fields of a serialised message one after the other; `struct.error` where it ends
-    before them, UnicodeDecodeError where a text is none.
+    """Takes the fields of a serialised message one after the other; BadMessageError where it ends
+    before them, or a text is none.
 
     Parameters
     ----------
@@ -161,10 +172,16 @@ class Reader:
         numbers, size = _numbers(self._order + form)
         start = _HEAD + -(-(self._at - _HEAD) // size) * size
         self._at = start + numbers.size
-        return numbers.unpack_from(self._data, start)
+        try:
+            return numbers.unpack_from(self._data, start)
+        except struct.error:
+            raise BadMessageError("cut off, or too few numbers") from None
 
     def text(self) -> str:
         """Return a text."""
         length = int(self.take("I")[0])
         self._at += length
-        return self._data[self._at - length : self._at - 1].decode()
+        try:
+            return self._data[self._at - length : self._at - 1].decode()
+        except UnicodeDecodeError:
+            raise BadMessageError("a text is not in UTF-8") from None

@@ -2,7 +2,6 @@
 errors. Why this type: `isogal_ros.topics`."""
 
 import math
-import struct
 
 import numpy as np
 from std_msgs.msg import Float64MultiArray
@@ -22,14 +21,11 @@ def peek_numbers_ns(serialised: bytes) -> int:
     Raises
     ------
     BadMessageError
-        It has a layout, or too few numbers, or its stamp is not finite.
+        It is cut off, has a layout, or its stamp is not finite.
     """
     content = Reader(serialised)
-    try:
-        layout, _, _ = content.take("3I")  # lengths of dim, data_offset, and of the data
-        seconds, rest = content.take("2d")
-    except struct.error:
-        raise BadMessageError("too few numbers") from None
+    layout, _, _ = content.take("3I")  # lengths of dim, data_offset, and of the data
+    seconds, rest = content.take("2d")
     if layout or not (abs(seconds) < 1e10 and 0 <= rest < SECOND):
         raise BadMessageError("begins with a layout, or with no stamp")
     return int(seconds) * SECOND + int(rest)

@@ -28,11 +28,12 @@ from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEve
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from isogal_ros import topics
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import takes_others, type_taken
+from isogal_ros.messages.prepared import decoded
 from isogal_ros.topics import LOSSLESS, Message, Topic
 
 if TYPE_CHECKING:
@@ -202,8 +203,13 @@ class Listening:
             self._subscription = self._subscribe(LOSSLESS)
 
     def deliver(self, data: bytes) -> None:
-        """Take a serialised message."""
-        self._take(data if self._raw else deserialize_message(data, self.type))
+        """Take a serialised message; one that cannot be read is dropped."""
+        try:
+            message = data if self._raw else decoded(data, self.type)
+        except BadMessageError as error:
+            self.node.health.drop(self.topic.name, str(error))
+            return
+        self._take(message)
 
     def _subscribe(self, profile: QoSProfile) -> Subscription:
         topic, events = self.topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)

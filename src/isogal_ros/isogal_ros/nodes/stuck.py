@@ -55,27 +55,32 @@ class Repetitions:
 
 
 class TimeJumps:
-    """Holds a message whose stamp jumps ahead back until the next one says that time has passed: a
-    single wrong stamp would make the filter bridge hours, and have all messages after it refused.
+    """Does without a message whose stamp jumps ahead until the next one says that time has passed:
+    a single wrong stamp would make the filter bridge hours, and have all messages after it
+    refused.
 
     Parameters
     ----------
     longest : int
         Longest gap that is believed at once, ns.
+    back : bool, optional
+        Whether this is asked of stamps that jump back as well.
     """
 
-    def __init__(self, longest: int) -> None:
-        self._longest = longest
+    def __init__(self, longest: int, back: bool = False) -> None:
+        self._longest, self._back = longest, back
         self._held: int | None = None
 
     def check(self, ns: int, newest: int) -> None:
         """Look at a stamp after the newest that was used; raises BadMessageError where it has to
         wait for the next."""
-        if ns - newest <= self._longest:
+        ahead = ns - newest
+        if ahead <= self._longest and not (self._back and ahead < -self._longest):
             self._held = None
             return
         held, self._held = self._held, ns
         if held is None or not 0 < ns - held <= self._longest:
+            way = "ahead" if ahead > 0 else "back"
             raise BadMessageError(
-                f"stamp is {(ns - newest) / 1e9:.0f} s ahead; used if the next one is, too"
+                f"stamp is {abs(ahead) / 1e9:.0f} s {way}; used if the next one is, too"
             )
