@@ -103,6 +103,8 @@ def _columns(axis: Array, west: float, east: float) -> tuple[list[slice], float]
     first, count = float(axis[0]), axis.size
     step = (axis[-1] - axis[0]) / (count - 1)
     width = (east - west) % TWO_PI if east < west else min(east - west, TWO_PI)
+    if width >= TWO_PI:  # of a way around a pole
+        return [slice(0, count)], first
     circle = round(TWO_PI / step)
     periodic = count >= circle and abs(circle * step - TWO_PI) < 1e-3 * step
     x = ((west - first) / step) % (TWO_PI / step)

@@ -27,8 +27,9 @@ from isogal_ros.nodes.health import without_numbers
 if TYPE_CHECKING:
     from isogal.maps.channels import RouteMap
 
-_MARGIN = 3e-3
-"""rad, 20 km."""
+_MARGIN = 1e-3
+"""rad, 6 km: within the page's own margin (`isogal.evaluation.view.background`), so that the
+corner with the value is on the page."""
 _ROUND = np.radians(359.0)
 """rad: a map has no longitude twice."""
 
