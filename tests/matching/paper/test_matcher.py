@@ -132,6 +132,26 @@ def test_the_less_feature_the_more_covariance(rough_map):
     np.testing.assert_allclose(twice.covariance, 2.0 * weighted.covariance, rtol=1e-12)
 
 
+@pytest.mark.parametrize("weak", [False, True])
+def test_stops_aiding_where_the_candidates_are_on_no_track(rough_map, weak):
+    """Of a velocity that is hardly known: fixes were up to sixty sigmas wrong."""
+    sigma, worst, never = (500.0, 50.0 if weak else 0.05), 0.0, PaperOptions(largest_residual=None)
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        error = rng.normal(0.0, np.repeat(sigma, 2))
+        batch, truth = make_batch(rough_map, tuple(error), prior_sigma=sigma, seed=seed)
+        fix, _ = PmhtPaper().match(batch, rough_map, None)
+        as_published, _ = PmhtPaper(never).match(batch, rough_map, None)
+        away = truth.error_of(as_published)
+        worst = max(worst, np.sqrt(away @ np.linalg.solve(as_published.covariance, away)))
+        assert fix.published != weak
+        if weak:
+            assert fix.reason.startswith("the candidates are on no track: mean square residual")
+        else:
+            assert (fix.latitude, fix.longitude) == (as_published.latitude, as_published.longitude)
+    assert (worst > 30.0) == weak
+
+
 def test_retrodiction_holds_the_information_once(rough_map):
     batch, _ = make_batch(rough_map, ERROR)
     matcher = load_matcher(Matcher(name="pmht-paper", mode="retrodiction"))

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from helpers.node_bench import absolute, topics_of
-from helpers.recordings import assert_replayed, assert_replayed_as_run, replayed
+from helpers.recordings import assert_replayed, assert_replayed_as_run, replayed, rewritten
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
+from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.viewing import open_bag
 from isogal_ros.graph import player as of_bag
@@ -32,6 +33,15 @@ def test_a_bag_that_is_cut_off(recording, tmp_path, capsys) -> None:
     assert result.comparison.largest_difference < 1e-6
     open_bag(tmp_path / "part.mcap")
     assert "part.mcap: not read to its end: the file ends early" in capsys.readouterr().err
+
+
+def test_several_publishers_of_a_sensor_are_told_of(recording, tmp_path) -> None:
+    """What a bag keeps of them is how many there were: a message does not say whose it is."""
+    profile = qos_entries([topics.LOSSLESS])
+    offers = {"/imu/data_raw": profile, "/gravimeter/disturbance": 2 * profile}
+    result = replayed(rewritten(recording, tmp_path / "bag", offers=offers))
+    (note,) = result.notes
+    assert note.startswith("gravimeter/disturbance had 2 publishers when it was recorded")
 
 
 def test_it_can_be_interrupted(recording) -> None:

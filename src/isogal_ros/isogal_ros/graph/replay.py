@@ -15,7 +15,7 @@ from isogal.errors import InputError
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.bags.record import Collector
 from isogal_ros.graph.player import LATE, Player, Recorded, load
 from isogal_ros.graph.running import Progress, Report, no_report
@@ -155,6 +155,13 @@ def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
     if recorded.without_effect:
         keys = ", ".join(recorded.without_effect)
         notes.append(f"{keys}: has no effect, since the recorded readings say their own variance")
+    for topic, messages in recorded.sensors.items():
+        several = (n for name, n in reader.publishers.items() if topic_of(name, topic.name))
+        if messages and (count := max(several, default=0)) > 1:
+            notes.append(
+                f"{topic.name} had {count} publishers when it was recorded: the messages of all"
+                " are played as if of one, of which a node would have used those of the first"
+            )
     if recorded.reduced_by_another:
         notes.append(
             "the gravimeter's own readings are not all in the bag: those that are fed were reduced"

@@ -55,6 +55,12 @@ class PaperOptions(BaseModel):
     min_variability: float = Field(
         2e-4, ge=0.0, description="normalised variability below which aiding stops"
     )
+    largest_residual: float | None = Field(
+        30.0,
+        gt=0.0,
+        description="mean square distance of z-bar from the track, in R-bar, above which aiding"
+        " stops; null = never, as in the paper",
+    )
     min_scans: int | None = Field(
         None, ge=1, description="scans with candidates that a fix needs; null = half the batch"
     )
@@ -86,6 +92,9 @@ class Estimate(NamedTuple):
     iterations: int
     spread: float
     """m, RMS distance of the candidates from their mean."""
+    residual: float
+    """Mean square distance, per axis, of the weighted means z-bar from the smoothed track, in
+    R-bar: below 1 where the track is that of the candidates."""
 
 
 def find_candidates(
@@ -173,6 +182,7 @@ def maximise(
             break
     apart = ((position - z[has][:, None]) ** 2).sum(axis=-1)
     spread = math.sqrt(float((weight * apart).sum()) / max(1, int(has.sum())))
+    off = 0.5 * ((z[has] - state[has, :2]) ** 2).sum(axis=-1) / combined
     every = np.zeros(candidates.variance.shape)
     every[has] = weight
-    return Estimate(state, covariance, every, done, spread)
+    return Estimate(state, covariance, every, done, spread, float(off.mean()))

@@ -18,6 +18,10 @@ What the paper leaves open, and the choice here (each an option of `matcher.opti
 - The weight: P_{T|T} times `covariance_factor` times (C / C_ref)^-`variability_exponent`, C the
   mean of eq. CV over the batch, C_ref its mean over a fixed lattice of 100 places of the map. The
   factor is T unless given: with P_{T|T} alone, aiding diverges.
+- The covariance is T times P_{T|T}, as if the errors of the T associations were one: what lies
+  farther off the track than that (`largest_residual`, in R-bar; 30, the paper's T) is in no
+  covariance, and aiding stops. Over the paper's route it was 10 at most in 3,900 batches; it is
+  above where the velocity may be so wrong that the windows of later scans hold other tracks.
 - A scan counts only where the map has a value at the navigator's position: a window cut off at the
   edge would pull inwards.
 
@@ -27,6 +31,7 @@ x_1 of one iteration is the smoothed x_1 of the last, which is not independent o
 error of the map, no unknown bias (`map_sigma` and `bias_sigma` have no effect); the first scan's
 reading is never used (eq. forward). See docs/mathematics.md, section 13."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -93,7 +98,19 @@ class PmhtPaper:
         position = plane.metres(batch.latitude, batch.longitude)
         navigator = np.concatenate([position, batch.velocity], axis=1)
         result = maximise(navigator, _first_scan(batch), np.diff(batch.time), candidates, options)
-        return self._fix(batch, plane, variability, candidates, result), reference
+        figures = {
+            "feature_variability": variability,
+            "iterations": float(result.iterations),
+            "spread": result.spread,
+            "residual": result.residual,
+        }
+        if options.largest_residual is not None and result.residual > options.largest_residual:
+            reason = (
+                f"the candidates are on no track: mean square residual {result.residual:.3g}, the"
+                f" most is {options.largest_residual:g}"
+            )
+            return declined(batch, reason, **figures), reference
+        return self._fix(batch, plane, figures, candidates, result), reference
 
     def _variability(self, batch: Batch, field_map: FieldMap, reference: float) -> float | None:
         """Return the mean of eq. CV over the batch, in units of C_ref; None off the map."""
@@ -122,12 +139,13 @@ class PmhtPaper:
         self,
         batch: Batch,
         plane: Plane,
-        variability: float,
+        figures: Mapping[str, float],
         candidates: ScanCandidates,
         result: Estimate,
     ) -> Fix:
-        """Return x_T with P_{T|T} weighted by the map feature variability."""
-        options = self.options
+        """Return x_T with P_{T|T} weighted by the map feature variability, and what is said of
+        the batch."""
+        options, variability = self.options, figures["feature_variability"]
         factor = (
             options.covariance_factor or len(batch)
         ) * variability**-options.variability_exponent
@@ -143,11 +161,7 @@ class PmhtPaper:
             longitude=float(longitude[-1] + batch.end[1] - batch.longitude[-1]),
             covariance=out,
             shown=lambda: _listed(plane, candidates, result.weight),
-            diagnostics={
-                "feature_variability": variability,
-                "iterations": float(result.iterations),
-                "spread": result.spread,
-            },
+            diagnostics=figures,
             # late readings say where the vehicle was, not where it is at their stamps
             scan_position=None
             if batch.end_place is not None
