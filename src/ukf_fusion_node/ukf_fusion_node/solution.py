@@ -1,6 +1,7 @@
 """The solution of an INS in place of samples of an IMU, and what is found wrong with it."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -32,7 +33,7 @@ LONGEST = 600.0
 """s without solutions that are filled in; after longer it may be another INS, or one that was
 started anew."""
 WAITING = 1000
-"""Positions, or velocities, that wait for the others of their stamps at most."""
+"""Positions and velocities that wait for the others of their stamps at most."""
 
 
 class Joined(NamedTuple):
@@ -68,32 +69,25 @@ class Solutions:
         self._frame, self._hold = map_frame(node.scenario), hold
         self._inverse = InverseStrapdown(ins.jump, LONGEST, preintegrated)
         self._error, self._m_error = node.advertise(topics.INS_ERROR), topics.INS_ERROR.type()
-        self._fixes: dict[int, NavSatFix] = {}
-        self._twists: dict[int, TwistWithCovarianceStamped] = {}
+        self._parts: dict[int, dict[str, NavSatFix | TwistWithCovarianceStamped]] = {}
+        """Position or velocity by stamp, that waits for the other."""
         self._newest = -1
         """Stamp of the newest solution."""
         if ins.attitude:
             node.listen(topics.INS_SOLUTION, hold)
         else:
-            node.listen(topics.INS_SOLUTION_FIX, self._take_fix)
-            node.listen(topics.INS_SOLUTION_VELOCITY, self._take_twist)
+            node.listen(topics.INS_SOLUTION_FIX, partial(self._take, "fix"))
+            node.listen(topics.INS_SOLUTION_VELOCITY, partial(self._take, "twist"))
 
-    def _take_fix(self, message: NavSatFix) -> None:
-        self._fixes[to_ns(message.header.stamp)] = message
-        self._join()
-
-    def _take_twist(self, message: TwistWithCovarianceStamped) -> None:
-        self._twists[to_ns(message.header.stamp)] = message
-        self._join()
-
-    def _join(self) -> None:
-        """Hand on the positions of which the velocities have come."""
-        for ns in sorted(self._fixes.keys() & self._twists.keys()):
-            fix = self._fixes.pop(ns)
-            self._hold(Joined(fix.header, fix, self._twists.pop(ns)))
-        for waiting in (self._fixes, self._twists):
-            while len(waiting) > WAITING:
-                del waiting[min(waiting)]
+    def _take(self, kind: str, message: NavSatFix | TwistWithCovarianceStamped) -> None:
+        """Hand on position and velocity of a stamp when both have come."""
+        ns = to_ns(message.header.stamp)
+        parts = self._parts.setdefault(ns, {})
+        parts[kind] = message
+        if len(parts) == 2:
+            self._hold(Joined(message.header, **self._parts.pop(ns)))
+        elif len(self._parts) > WAITING:
+            del self._parts[min(self._parts)]
 
     def read(self, message: Solution) -> Array:
         """Return the solution (10,) of a message; raises BadMessageError where it is none."""
