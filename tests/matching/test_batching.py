@@ -288,6 +288,27 @@ def test_what_errors_of_a_measured_height_change_by_is_not_the_vehicle_s() -> No
     assert of_vehicle(known, time, errors) is errors
 
 
+def test_changes_of_a_measured_height_may_be_errors_but_not_a_climb() -> None:
+    """What readings have beside white noise, per unit of the share that is error: all that the
+    height has changed by, but of a climb no more than three 1-sigmas of its errors."""
+    sensor = {"source": "barometer", "sigma": 0.3, "bias": 0.0, "scale": 0.0, "weather_sigma": 0.4}
+    builder = BatchBuilder.of(
+        Scenario(
+            matcher=Matcher(batch_length=5),
+            height=Height(**sensor),
+            gravimeter=Gravimeter(quantity="disturbance"),
+        )
+    )
+    for t, height in enumerate([100.0, 101.0, 99.0, 200.0, 199.5]):
+        place = 10.0 * (t + 1), -0.6, 2.5, np.array([10.0, 10.0])
+        builder.add_scan(*place, 0.0, 1e-5, height=height)
+    states = builder.build(np.eye(7)).instrument.parameters
+    assert states is not None
+    column = states.reading[:, states.names.index("height_change")]
+    weather = states.reading[:, states.names.index("height_weather")]
+    np.testing.assert_allclose(column / weather, [0.0, 1.0, -1.0, 1.5, 1.0], rtol=1e-9)
+
+
 def test_two_sensors_of_the_height_leave_less_of_their_errors():
     """Readings are off by what the weighted mean of both heights is off by."""
     keys = {"source": "barometer", "bias": 3.0, "scale": 0.0, "weather_sigma": 6.0}
@@ -301,8 +322,8 @@ def test_two_sensors_of_the_height_leave_less_of_their_errors():
             builder.add_scan(10.0 * (t + 1), -0.6, 2.5, np.array([10.0, 10.0]), 9.8, 1e-5)
         states = builder.build(np.eye(7)).instrument.parameters
         found.append(dict(zip(states.names, states.sigma, strict=True)))
-    assert found[0] == {"height_bias": 3.0, "height_weather": 6.0}
-    assert found[1] == {"height_bias": pytest.approx(2.4)}
+    assert found[0] == {"height_bias": 3.0, "height_weather": 6.0, "height_change": 1.0}
+    assert found[1] == {"height_bias": pytest.approx(2.4), "height_change": 1.0}
 
 
 SIGMA, SPEED, SPAN = 2e-4, 22.0, 600.0

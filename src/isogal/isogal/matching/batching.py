@@ -13,7 +13,13 @@ from isogal.matching.expansion import Expansion, expansion_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import InstrumentErrors, Parameters
 from isogal.matching.path import Path, sensed
-from isogal.matching.reading_noise import height_states, joined, noise_states, of_vehicle
+from isogal.matching.reading_noise import (
+    height_states,
+    joined,
+    noise_states,
+    of_vehicle,
+    surely_at,
+)
 from isogal.matching.registry import able
 from isogal.matching.residual_gravity import UNMOVED
 from isogal.matching.scans import Collected, Scan, Scans
@@ -173,8 +179,10 @@ class BatchBuilder:
         height : float
             m.
         """
+        before = self._scans[-1].level if len(self._scans) else height
+        level = surely_at(self._height, before, height)
         place = latitude, longitude, velocity
-        self._scans.add(Scan(time, *place, reading, sigma, offset, height))
+        self._scans.add(Scan(time, *place, reading, sigma, offset, height, level))
         self._count += 1
         self._unused += 1
 
@@ -284,7 +292,7 @@ class BatchBuilder:
             latitude, longitude, *_ = self._scans.track(scans)
             up = self._scans.heights(scans)
             at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
-            states += height_states(self._height, self.reduction, at)
+            states += height_states(self._height, self.reduction, at, self._scans.levels(scans))
         return joined(states)
 
     def _late(self, batch: Batch, prior: Array) -> Batch:

@@ -1,6 +1,7 @@
 """What a batch's readings have beside white noise, as specified: states with columns, and the
 covariance that follows from them (docs/mathematics.md, section 5.2)."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,8 +16,8 @@ from isogal.sensors.reduction import Reduction, State
 INSTANT_S = 1e-3
 """Correlation time of what only the readings of one scan have in common."""
 CERTAIN = 3.0
-"""1-sigmas of its errors by which a measured height departs from a line at least where it is the
-vehicle that does."""
+"""1-sigmas of its errors by which a measured height changes, or departs from a line, at least
+where it is the vehicle that does."""
 _State = tuple[str, float, float, Array]
 """Name, 1-sigma, correlation time (s), and what it adds to each of T readings per unit."""
 
@@ -58,14 +59,18 @@ def noise_states(instrument: Gravimeter, time: Array, velocity: Array) -> list[_
     return found
 
 
-def height_states(settings: Height, reduction: Reduction, at: State) -> list[_State]:
+def height_states(
+    settings: Height, reduction: Reduction, at: State, level: Array | float = 0.0
+) -> list[_State]:
     """Return what an error of the measured height makes of reduced readings (docs/mathematics.md,
-    section 3.11); nothing where their reduction does not depend on the height.
+    sections 3.11 and 5.2); nothing where their reduction does not depend on the height.
 
     Parameters
     ----------
     at : State
         Of T readings, as measured and estimated.
+    level : (T,) array or float
+        Heights at which the vehicle surely was last, m (`surely_at`).
     """
     slope = reduction.height_slope(at)
     if not slope.any():
@@ -74,8 +79,17 @@ def height_states(settings: Height, reduction: Reduction, at: State) -> list[_St
         ("height_bias", settings.bias, np.inf, slope),
         ("height_scale", settings.scale, np.inf, slope * np.asarray(at.height)),
         ("height_weather", settings.weather_sigma, settings.weather_time, slope),
+        # which share of what the height departs from that level by is not the vehicle's
+        ("height_change", 1.0, np.inf, slope * (np.asarray(at.height) - level)),
     ]
     return [one for one in each if one[1] > 0.0]
+
+
+def surely_at(settings: Height, before: float, height: float) -> float:
+    """Return the height (m) that a vehicle has surely gone to by one that is measured: as `before`
+    unless that is further away than the height's errors."""
+    reach = CERTAIN * math.hypot(settings.sigma, settings.bias, settings.weather_sigma)
+    return min(max(before, height - reach), height + reach)
 
 
 def of_vehicle(settings: Height, time: Array, height: Array) -> Array:

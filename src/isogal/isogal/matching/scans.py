@@ -24,6 +24,8 @@ class Scan:
     sigma: float
     offset: float
     height: float
+    level: float = 0.0
+    """m, the height at which the vehicle surely was last (`BatchBuilder.add_scan`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +42,7 @@ class Collected:
     """(7,) of the navigator's estimate since the last batch end; None = not known."""
 
 
-_TIME, _LATITUDE, _LONGITUDE, _NORTH, _EAST, _SIGMA, _OFFSET, _HEIGHT, _COUNT = range(9)
+_TIME, _LATITUDE, _LONGITUDE, _NORTH, _EAST, _SIGMA, _OFFSET, _HEIGHT, _LEVEL = range(9)
 """Rows of the numbers of scans."""
 
 
@@ -57,7 +59,7 @@ class Scans:
 
     def __init__(self, most: int, shape: tuple[int, int] = (1, 1)) -> None:
         self.most, self.shape = most, shape
-        self._numbers: Array = np.zeros((_COUNT, 0))
+        self._numbers: Array = np.zeros((_LEVEL + 1, 0))
         self._readings: Array = np.zeros((0, *shape))
 
     def __len__(self) -> int:
@@ -75,7 +77,7 @@ class Scans:
     def add(self, scan: Scan) -> None:
         """Add one."""
         numbers = (scan.time, scan.latitude, scan.longitude, *scan.velocity)
-        new = np.array([*numbers, scan.sigma, scan.offset, scan.height])[:, None]
+        new = np.array([*numbers, scan.sigma, scan.offset, scan.height, scan.level])[:, None]
         reading = np.asarray(scan.reading, dtype=np.float64)
         if reading.ndim == 0:
             reading = np.full(self.shape, reading)
@@ -92,11 +94,11 @@ class Scans:
     def __getitem__(self, index: int) -> Scan:
         """Return a copy of one; negative: counted from the last."""
         numbers = self._numbers[:, index].tolist()
-        time, latitude, longitude, north, east, sigma, offset, height = numbers
+        time, latitude, longitude, north, east, *others = numbers
         reading = self._readings[index]
         reading = reading.item() if self.shape == (1, 1) else reading.copy()
         velocity = np.array([north, east])
-        return Scan(time, latitude, longitude, velocity, reading, sigma, offset, height)
+        return Scan(time, latitude, longitude, velocity, reading, *others)
 
     def track(self, which: slice) -> tuple[Array, Array, Array, Array]:
         """Return latitudes and longitudes (T,) rad, velocities (T, 2) m/s and times (T,) s."""
@@ -107,6 +109,10 @@ class Scans:
     def heights(self, which: slice) -> Array:
         """Return (T,) m."""
         return self._numbers[_HEIGHT, which].copy()
+
+    def levels(self, which: slice) -> Array:
+        """Return (T,) m, see `Scan`."""
+        return self._numbers[_LEVEL, which].copy()
 
     def sigmas(self, which: slice) -> Array:
         """Return (T,) 1-sigma of the readings."""
