@@ -117,7 +117,7 @@ def forged(content: object, arrays: list | None = None) -> bytes:
     (b"", "not a checkpoint"),
     (pickle.dumps(Trap()), "not a checkpoint"),
     (b"isogal-checkpoint 1 abc\n", "version 1"),
-    (b"isogal-checkpoint 2 abc\n", "checksum"),
+    (f"isogal-checkpoint {checkpoints.VERSION} abc\n".encode(), "checksum"),
     (forged({"class": "subprocess:Popen", "fields": {"args": "true"}}), "class subprocess:Popen"),
     (forged({"class": "isogal.files:os.system", "fields": {}}), "class isogal.files:os.system"),
     (forged({"class": "isogal.files:write_atomic", "fields": {}}), "class isogal.files"),

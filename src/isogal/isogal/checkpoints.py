@@ -21,7 +21,7 @@ import numpy as np
 from isogal.errors import InputError
 from isogal.files import Json, write_atomic
 
-_FORMAT, VERSION = "isogal-checkpoint", 2
+_FORMAT, VERSION = "isogal-checkpoint", 3
 LARGEST = 256 * 1024 * 1024
 """Bytes; a larger file is not read."""
 _ARRAY_KINDS = "fiub"
