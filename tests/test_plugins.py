@@ -6,30 +6,18 @@ from pathlib import Path
 
 import pytest
 
+from helpers import installed
 from isogal import plugins
 from isogal.errors import InputError
 
 
 @pytest.fixture
-def install(tmp_path, monkeypatch):
+def install(tmp_path):
     """Install a package with entry points in the group of matchers for one test."""
-    monkeypatch.syspath_prepend(tmp_path)
-
-    def forget():
-        plugins._installed.cache_clear()
-        plugins._registered.cache_clear()
-
-    def install(package: str, module: str = "", **objects: str) -> None:
-        metadata = tmp_path / f"{package}-1.0.dist-info"
-        metadata.mkdir()
-        (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\n")
-        lines = [f"{name} = {target}" for name, target in objects.items()]
-        (metadata / "entry_points.txt").write_text("\n".join(["[isogal.matchers]", *lines, ""]))
-        (tmp_path / f"{package}.py").write_text(module)
-        forget()
-
-    yield install
-    forget()
+    with installed.known(tmp_path):
+        yield lambda package, module="", **objects: installed.install(
+            tmp_path, package, module, matchers=objects
+        )
 
 
 def test_isogals_own_come_first_and_others_follow_in_alphabetical_order(install):

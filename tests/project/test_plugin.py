@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from helpers.command_line import refusal
+from helpers import installed
+from helpers.command_line import answer, refusal
 from helpers.commands import isogal
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
@@ -69,11 +70,6 @@ def inputs(tmp_path_factory) -> tuple[Path, Path]:
     return folder / "map.asc", folder / "track.csv"
 
 
-def knowing(installed: Path) -> dict[str, str]:
-    """The environment of a process that finds what is installed in a folder."""
-    return os.environ | {"PYTHONPATH": str(installed)}
-
-
 def match(inputs: tuple[Path, Path], *options: str) -> tuple[str | Path, ...]:
     """A command line."""
     return (
@@ -83,11 +79,8 @@ def match(inputs: tuple[Path, Path], *options: str) -> tuple[str | Path, ...]:
 
 
 def test_matcher_and_map_format_are_known_once_installed(plugin, inputs):
-    done = isogal(
-        *match(inputs, "--matcher", "least-squares", "--json"), environment=knowing(plugin)
-    )
-    assert done.returncode == 0, done.stderr
-    fixes = json.loads(done.stdout)
+    with installed.known(plugin):
+        fixes = json.loads(answer(*match(inputs, "--matcher", "least-squares", "--json")))
     assert [fix["time"] for fix in fixes] == [290.0, 590.0, 890.0]
     track = {row[0]: row[1:] for row in np.loadtxt(inputs[1], delimiter=",", skiprows=1)}
     for fix in fixes:
@@ -129,7 +122,7 @@ def test_a_graph_measures_and_matches_its_field(plugin, inputs, tmp_path):
     )
     options = [word for item in settings for word in ("--set", item)]
     folders = "--out", out, "--bag", tmp_path / "bag"
-    environment = knowing(plugin) | {"HOME": str(tmp_path / "home")}
+    environment = os.environ | {"PYTHONPATH": str(plugin), "HOME": str(tmp_path / "home")}
     words = "run", "--in-process", "--json", *folders, *options
     done = isogal(*words, figures=False, environment=environment)
     assert done.returncode == 0, done.stderr

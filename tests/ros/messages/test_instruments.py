@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import MagneticField, NavSatStatus, PointField, Range
 
+from helpers import installed
 from helpers.changed_messages import changed
 from isogal import plugins
 from isogal.fields.measured import fields
@@ -87,21 +88,12 @@ def tensor(value=COMPONENTS, covariance=COVARIANCE, field=None, **values):
 
 
 @pytest.fixture
-def soil(tmp_path, monkeypatch):
+def soil(tmp_path):
     """A scenario of a field of another package, with its messages."""
-    (tmp_path / "soil.py").write_text(SOIL)
-    metadata = tmp_path / "soil-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: soil\n")
-    (metadata / "entry_points.txt").write_text(
-        "[isogal.fields]\nsoil = soil:SOIL\n[isogal.message_adapters]\nsoil = soil:adapter\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    for cache in (plugins._installed, plugins._registered):
-        cache.cache_clear()
-    yield load_scenario(None, ["seed=3", "field=soil"])
-    for cache in (plugins._installed, plugins._registered):
-        cache.cache_clear()
+    with installed.known(tmp_path):
+        of = {"fields": {"soil": "soil:SOIL"}, "message_adapters": {"soil": "soil:adapter"}}
+        installed.install(tmp_path, "soil", SOIL, **of)
+        yield load_scenario(None, ["seed=3", "field=soil"])
 
 
 def test_every_field_has_its_messages_also_one_of_another_package(soil) -> None:
