@@ -155,7 +155,7 @@ def test_what_is_believed_to_be_left(world, gravity, told, expected):
 @pytest.mark.parametrize("most", [3000, 0], ids=["by a root", "by waves"])
 def test_drawn_errors_have_these_covariances(world, monkeypatch, most):
     monkeypatch.setattr("isogal.fields.map_error._EXACT_PLACES", most)
-    monkeypatch.setattr("isogal.fields.map_error._WAVES", 200)  # right in the mean with any number
+    monkeypatch.setattr("isogal.fields.map_error._WAVES", 50)  # right in the mean with any number
     scenario = changed(world, map_error={"sigma": 3e-5})
     trajectory = build_trajectory(scenario)
     index, runs = scan_index(scenario, trajectory), range(400)
