@@ -73,7 +73,7 @@ def test_dynamics_are_those_of_the_strapdown(latitude, velocity):
     meridian, normal = radii(latitude)
     v = 0.5 * (nav.velocity + middle.velocity)[0]
     geometry = np.array([latitude, v[0], v[1], 1.0 / (meridian + 3000.0), 1.0 / (normal + 3000.0)])
-    fill_dynamics(F, geometry, body.apply(force), body.as_matrix())
+    fill_dynamics(F, geometry, body.apply(force), np.array(body.as_matrix(), order="C"))
     model = expm(F * DT)[:7] * SIZE / SIZE[:7, None]
     # in these units F consists of terms like W and, a seventeenth of it, the Earth's rate
     np.testing.assert_allclose((numeric - model) / (W * DT), 0.0, atol=1e-3)

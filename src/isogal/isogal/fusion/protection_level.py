@@ -89,7 +89,8 @@ def _write_levels(level: Array, major: Array, minor: Array, polynomial: Array) -
 def axes(covariance: ArrayLike) -> tuple[Array, Array]:
     """Return the sigmas (m) along the major and the minor axis of covariances (..., 2, 2); NaN
     where a covariance is not finite or has a negative eigenvalue."""
-    whole = np.asarray(covariance, dtype=np.float64)
+    # a copy, since parts of others and what may not be written to would be compiled anew
+    whole = np.array(covariance, dtype=np.float64, order="C")
     sigmas = np.empty((2, *whole.shape[:-2]))
     _write_axes(sigmas.reshape(2, -1), whole.reshape(-1, 4))
     return sigmas[0], sigmas[1]

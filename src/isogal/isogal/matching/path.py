@@ -35,8 +35,9 @@ class Path:
         and velocities there, straight before the first and after the last."""
         north, east = metres_per_radian(self.latitude)
         flat, shape = np.ravel(time), np.shape(time)
-        of_north = hermite(flat, self.time, self.latitude, self.velocity[:, 0] / north)
-        of_east = hermite(flat, self.time, self.longitude, self.velocity[:, 1] / east)
+        known = np.ascontiguousarray(self.time)  # as a column of a table it would be compiled anew
+        of_north = hermite(flat, known, self.latitude, self.velocity[:, 0] / north)
+        of_east = hermite(flat, known, self.longitude, self.velocity[:, 1] / east)
         latitude, by_north = (part.reshape(shape) for part in of_north)
         longitude, by_east = (part.reshape(shape) for part in of_east)
         north, east = metres_per_radian(latitude)

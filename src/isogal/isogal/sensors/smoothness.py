@@ -24,8 +24,10 @@ def smoothness(abscissa: Array, values: Array, weight: Array) -> float:
     """
     from scipy.optimize import minimize_scalar
 
+    step, variance = np.diff(abscissa), 1.0 / weight
+    values = np.ascontiguousarray(values)  # as a column of a table it would be compiled anew
     found = minimize_scalar(
-        lambda factor: _score(factor, np.diff(abscissa), values, 1.0 / weight),
+        lambda factor: _score(factor, step, values, variance),
         bounds=(0, len(abscissa)),
         method="bounded",
     )
