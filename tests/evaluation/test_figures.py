@@ -12,7 +12,7 @@ from PIL import Image
 from helpers.route_maps import made_up as field
 from helpers.studies import outcomes
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.ensemble import Curve, ensemble_figure, rms_figure
+from isogal.evaluation.figures.ensemble import ensemble_figure
 from isogal.evaluation.figures.errors import error_figure, nees_figure
 from isogal.evaluation.figures.signal import signal_figure
 from isogal.evaluation.figures.stanford import stanford_figure
@@ -93,20 +93,6 @@ def test_the_callers_settings_stay_and_do_not_change_the_figure(make_runs):
     import matplotlib.pyplot as plt
 
     assert plt.get_fignums() == []
-
-
-def test_a_short_record_has_its_time_in_minutes():
-    short = rms_figure([Curve("a", np.arange(5.0) * 60, np.ones(5), style.AIDED)])
-    assert short.axes[0].get_xlabel().endswith("(min)")
-
-
-@pytest.mark.parametrize("seconds", [10.0, 60.0, 170.0])
-def test_a_record_of_one_scan_has_its_time_in_seconds(seconds):
-    """With ticks between which one can read: in minutes there was one, at 0."""
-    axes = style.new_figure(2.0).subplots()
-    style.time_axis(axes, seconds / 3600.0)
-    assert axes.get_xlabel() == "time since start (s)"
-    assert 6 <= np.sum(axes.get_xticks() * 3600.0 <= seconds + 1e-6) <= 12
 
 
 def test_errors_and_band_are_those_of_the_record(make_runs):

@@ -97,12 +97,6 @@ def test_text_is_escaped(tmp_path):
     assert Page(text).text.count("alert(1)") >= 7
 
 
-def test_numbers_are_flush_right_and_words_are_not():
-    rows = [("a", "1.5", "0 of 3", "–", "x"), ("b", "-2e-05", "12 / 4", "10 %", "1")]
-    assert Table("", ("",) * 5, rows).numeric == {1, 2, 3}
-    assert Table("", ("a",), []).numeric == frozenset()
-
-
 EVERY_RUN = {"track", "north_east_error", "nees", "position_error", "stanford"}
 
 

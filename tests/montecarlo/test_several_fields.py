@@ -62,15 +62,6 @@ def test_a_list_of_one_is_bit_equal_to_its_keys(gravity):
     same_runs(gravity, simulate(alone, range(2), GRAVITY_MAP))
 
 
-def test_two_fields_know_more_than_one(gravity, two):
-    spread = [np.trace(one.covariance, axis1=2, axis2=3)[:, -1] for one in (gravity, two)]
-    assert (spread[1] < 0.8 * spread[0]).all()
-    assert two.published.all()
-    error, covariance = two.posterior_error[:, -1], two.posterior_covariance[:, -1]
-    nees = np.einsum("ri,rij,rj->r", error, np.linalg.inv(covariance), error)
-    assert (nees < 18.0).all()  # one in ten thousand
-
-
 def test_each_field_has_its_own_rate(two):
     """Twice as many readings of the magnetometer: batches end with it, scans are recorded at its
     rate, and the gravimeter's are those of its own rate."""

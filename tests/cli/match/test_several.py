@@ -120,15 +120,6 @@ def test_a_gradiometer_that_is_tilted(survey):
     assert spread(untold) > spread(fix)
 
 
-def test_a_gradiometer_and_a_magnetometer(survey):
-    folder, place = survey
-    tensor = "--gradients", "nn,ee", "--height", 500, "--map-height", 0
-    (alone,) = json.loads(answer(*words(folder), *tensor))
-    (both,) = json.loads(answer(*words(folder), *tensor, *also(folder)))
-    assert squared_distance(both, *place) < LIMIT
-    assert spread(both) < spread(alone)
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [

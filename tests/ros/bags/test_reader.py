@@ -5,7 +5,6 @@ import struct
 import pytest
 import yaml
 import zstandard
-from rosbags.highlevel import AnyReader
 
 from helpers.bag_writing import write
 from isogal.errors import InputError
@@ -137,13 +136,6 @@ def test_a_recorder_that_was_started_again_keeps_what_there_was(tmp_path) -> Non
     document = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert document["relative_file_paths"] == ["bag_0.mcap", "bag_1.mcap"]
     assert document["message_count"] == sum(file["message_count"] for file in document["files"])
-
-
-def test_others_read_all_parts(tmp_path) -> None:
-    again(tmp_path / "bag", 10, 0)
-    again(tmp_path / "bag", 20, 10)
-    with AnyReader([tmp_path / "bag"]) as reader:
-        assert sum(1 for _ in reader.messages()) == 30
 
 
 def test_the_order_is_that_of_the_numbers(tmp_path) -> None:

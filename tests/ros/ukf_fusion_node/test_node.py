@@ -86,14 +86,6 @@ def test_a_declared_noise_beyond_all_sensors_is_refused(scenario, variance) -> N
         assert np.isfinite(made.heard["nav/fix"][-1].position_covariance).all()
 
 
-def test_a_fix_older_than_the_horizon_is_dropped_and_said(scenario, advance, start) -> None:
-    with bench(topics.UKF_FUSION, scenario(), horizon=5.0) as made:
-        advance(made, 1, 30)
-        made.fix(8, *start)
-        level, words, _ = made.told("older than the buffer")
-        assert (level, words.count("pmht_mm/fix")) == (WARN, 1)
-
-
 @pytest.mark.parametrize("position_first", [True, False])
 def test_what_a_fix_says_and_its_position_are_used_once_in_either_order(
     filtering, advance, start, position_first
