@@ -14,13 +14,13 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rest", "variable", "share"),
     [
-        ("clear_lake_gravity", "stations", "bouguer_disturbance", 0.7),
+        ("clear_lake_gravity", "stations", "bouguer_disturbance", 0.55),
         ("scotland_magnetic", "lines", "magnetic_anomaly", 0.35),
     ],
 )
 def test_readings_held_back_are_as_near_as_the_map_says(shared_data, name, rest, variable, share):
-    """In the middle of a survey, which holds a share of its latitudes and of its longitudes: 533
-    and 719 readings, of whose mean square three 1-sigmas are 0.19 and 0.16 if they are
+    """In the middle of a survey, which holds a share of its latitudes and of its longitudes: 353
+    and 719 readings, of whose mean square three 1-sigmas are 0.23 and 0.16 if they are
     independent."""
     survey = shared_data / f"{name}_survey.nc"
     if not survey.is_file():
