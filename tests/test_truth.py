@@ -21,6 +21,8 @@ def test_without_truth_all_is_as_assumed():
     # neither passes for the other
     assert isinstance(it, Assumed) and not isinstance(it, Truth)
     assert not isinstance(it.true, Assumed)
+    with pytest.raises(TypeError, match=r"give `scenario\.true`"):
+        it.informed  # noqa: B018 - which the bound asks for first
 
 
 def test_the_true_keys_stand_in_the_truth_alone():

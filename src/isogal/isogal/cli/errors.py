@@ -97,7 +97,10 @@ def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
             )
         except KeyboardInterrupt:
             fail("interrupted", INTERRUPTED)
-        except BrokenPipeError:
+        except (BrokenPipeError, SystemExit) as end:
+            # rich, which writes the help, makes status 1 of a closed pipe
+            if isinstance(end, SystemExit) and not isinstance(end.__context__, BrokenPipeError):
+                raise
             _discard_stdout()
             raise SystemExit(BROKEN_PIPE) from None
         except OSError as error:
