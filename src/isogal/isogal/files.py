@@ -79,7 +79,10 @@ def atomic_path(path: str | Path, sync: bool = True) -> Iterator[Path]:
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        why = error.strerror or str(error)
+        if (error.errno or 0) < 0:  # of a C library, which does not say what the system has said
+            why += "; is the disk full?"
+        raise InputError(f"{path}: cannot be written: {why}") from None
     finally:
         temporary.unlink(missing_ok=True)
 
