@@ -109,7 +109,7 @@ def _band(source: "DatasetReader", variable: str | None, where: str) -> int:
         if source.count != 1:
             raise InputError(
                 f"{where}: has {source.count} bands ({source.descriptions}); give variable="
-                " (--variable) a number or description"
+                " (--variable, map.variable) a number or description"
             )
         return 1
     if variable.isdecimal() and 1 <= int(variable) <= source.count:

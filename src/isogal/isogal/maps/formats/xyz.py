@@ -48,8 +48,8 @@ def _rows(path: Path, order: str | None) -> Rows:
     if not all(set(words) & set(column.names) for column in _COLUMNS.values()):
         if order is None or order.count(",") < 2:
             raise InputError(
-                f"{path}: does not name its columns; give variable= (--variable) their order, for"
-                " example lon,lat,dg"
+                f"{path}: does not name its columns; give variable= (--variable, map.variable)"
+                " their order, for example lon,lat,dg"
             )
         mark = next((mark for mark in ",;" if mark in first), " ")
         first, rest = order.replace(",", mark), text
