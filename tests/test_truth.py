@@ -74,6 +74,7 @@ def test_a_file_keeps_it(tmp_path):
     ("truth.altimeter=3x", "truth.altimeter: 3x of the whole section says nothing; name its keys"),
     ("truth.imuu.grade=quantum", "unknown key 'truth.imuu', did you mean 'truth.imu'?"),
     ("truth.route.speed=5", "unknown key 'truth.route'; allowed: truth.imu, truth.initial_"),
+    ("truth.gravimeter.sgma=3x", "unknown key 'truth.gravimeter.sgma', did you mean 'truth.gravi"),
     ("truth.gravimeter.sigma={a: 3x}", "truth.gravimeter.sigma: must be a number"),
     ("truth.gravimeter.sigma=-1", "truth.gravimeter.sigma: must be greater than 0, not"),
     ("truth.imu.rate=2", "truth.imu.rate: cannot differ from imu.rate (1.0), which says what the"),
