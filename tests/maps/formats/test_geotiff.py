@@ -76,6 +76,19 @@ def test_a_rotated_raster_is_where_it_says(tmp_path):
         assert np.nanquantile(np.abs(off), 0.9) * 111e3 < 1.5
 
 
+@pytest.mark.parametrize(
+    ("crs", "corner", "words"),
+    [
+        ("EPSG:3995", (-6e4, 6e4), "holds a pole or crosses longitude 180; resample it"),
+        ("EPSG:32701", (1.8e5, 5.9e6), "holds a pole or crosses longitude 180; resample it"),
+        ('LOCAL_CS["mine",UNIT["metre",1]]', (0.0, 0.0), "does not say its coordinate reference"),
+    ],
+)
+def test_rasters_that_cannot_be_resampled(tmp_path, crs, corner, words):
+    transform = from_origin(*corner, 1e3, 1e3)
+    assert words in refused(geotiff(tmp_path / "a.tif", MGAL, transform, crs))
+
+
 def test_another_datum_is_transformed(tmp_path):
     """AGD66 lies 200 m from WGS 84; taken as it is, the field would be off by more than the
     tolerance."""
