@@ -133,6 +133,12 @@ def reading(path: str | Path, kind: str | None = None) -> Iterator[None]:
         raise
 
 
+def changed_at(path: str | Path) -> int:
+    """Return when a file was changed, ns (0 = there is none): an argument of functions whose
+    results are kept, so that they read it anew."""
+    return Path(path).stat().st_mtime_ns if Path(path).exists() else 0
+
+
 def csv_text(rows: Sequence[Mapping[str, object]]) -> str:
     """Return rows as comma-separated values with a header; a cell that a row has not is empty."""
     stream = io.StringIO()
