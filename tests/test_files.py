@@ -5,7 +5,14 @@ from pathlib import Path
 import pytest
 
 from isogal.errors import InputError
-from isogal.files import check_output, geojson_line, make_folder, reading, write_atomic
+from isogal.files import (
+    atomic_path,
+    check_output,
+    geojson_line,
+    make_folder,
+    reading,
+    write_atomic,
+)
 
 
 @pytest.fixture
@@ -41,6 +48,15 @@ def test_a_folder_that_may_not_be_written_to(here: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("os.access", lambda path, mode: Path(path) != Path("folder"))
     with pytest.raises(InputError, match="folder/new/x: cannot be written: folder may not be"):
         check_output("folder/new/x")
+
+
+def test_a_full_disk_of_which_a_library_says_a_number_of_its_own(here: Path) -> None:
+    with (
+        pytest.raises(InputError, match=r"^x\.nc: cannot be written: NetCDF: HDF error; is the"),
+        atomic_path("x.nc"),
+    ):
+        raise OSError(-101, "NetCDF: HDF error")
+    assert not list(here.glob("*x.nc*"))
 
 
 def test_what_a_library_cannot_read_is_said_without_its_words(here: Path) -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from helpers.batches import field_map_of, wavy
 from helpers.navigators import ROUTE, start_of
+from isogal.errors import InputError
 from isogal.fix import Fix
 from isogal.fusion.measurements import PositionFix
 from isogal.montecarlo.engine import Simulation, simulate
@@ -76,3 +77,10 @@ def test_a_measurement_of_the_future_is_refused_and_aids_may_be_of_any_kind() ->
     assert np.sqrt(navigator.state.covariance[0, 0]) == pytest.approx(5.0, rel=0.01)
     assert not navigator.measure(5.0, PositionFix(*truth, np.eye(2))).used
     assert navigator.fix() is None
+
+
+def test_a_start_in_degrees_is_refused():
+    start = start_of(SCENARIO, build_trajectory(SCENARIO))
+    degrees = start._replace(position=np.degrees(start.position))
+    with pytest.raises(InputError, match="latitude must be in radians"):
+        Navigator(SCENARIO, [MAP], degrees)

@@ -9,6 +9,8 @@ import pytest
 from helpers import installed
 from isogal import plugins
 from isogal.errors import InputError
+from isogal.matching.registry import load_matcher
+from isogal.scenario import Matcher
 
 
 @pytest.fixture
@@ -32,6 +34,20 @@ def test_an_object_of_another_package_is_loaded(install):
     install("ant", "class Mole:\n    answer = 42\n", mole="ant:Mole", answer="ant:Mole.answer")
     assert plugins.load(plugins.MATCHERS, "mole").answer == 42
     assert plugins.load(plugins.MATCHERS, "answer") == 42
+
+
+def test_a_matcher_that_is_none_is_refused(install):
+    module = """
+class Mole:
+    name = 'mole'
+    @classmethod
+    def from_settings(cls, settings):
+        return cls()
+"""
+    install("bee", module, mole="bee:Mole", word="bee:Mole.name")
+    for name, lacks in (("mole", "context"), ("word", "from_settings, name, context")):
+        with pytest.raises(InputError, match=f"'{name}': its package gives no .* lacks {lacks}, "):
+            load_matcher(Matcher(name=name))
 
 
 def test_a_name_of_two_packages_is_refused_and_both_are_named(install):

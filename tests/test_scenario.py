@@ -78,6 +78,7 @@ def test_waypoints_take_the_place_of_both_ends():
         ("gravimetre.sigma=1", "unknown key 'gravimetre', did you mean 'gravimeter'?"),
         ("batch_length=15", "unknown key 'batch_length', did you mean 'matcher.batch_length'?"),
         ("xyz=1", "unknown key 'xyz'; allowed: seed, field, route, imu, "),
+        ("route={speed: 1,5}", "unknown key 'route.5'; allowed: route.start"),
         ("gravimeter.sigma=-1", "gravimeter.sigma: must be greater than 0, not -1"),
         ("gravimeter.sigma=.inf", "gravimeter.sigma: must be a finite number, not inf"),
         ("gnss.lever_arm=[.nan, 0, 0]", "gnss.lever_arm.0: must be a finite number, not nan"),

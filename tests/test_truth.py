@@ -21,6 +21,8 @@ def test_without_truth_all_is_as_assumed():
     # neither passes for the other
     assert isinstance(it, Assumed) and not isinstance(it, Truth)
     assert not isinstance(it.true, Assumed)
+    with pytest.raises(TypeError, match=r"give `scenario\.true`"):
+        it.informed  # noqa: B018 - which the bound asks for first
 
 
 def test_the_true_keys_stand_in_the_truth_alone():
@@ -72,6 +74,7 @@ def test_a_file_keeps_it(tmp_path):
     ("truth.altimeter=3x", "truth.altimeter: 3x of the whole section says nothing; name its keys"),
     ("truth.imuu.grade=quantum", "unknown key 'truth.imuu', did you mean 'truth.imu'?"),
     ("truth.route.speed=5", "unknown key 'truth.route'; allowed: truth.imu, truth.initial_"),
+    ("truth.gravimeter.sgma=3x", "unknown key 'truth.gravimeter.sgma', did you mean 'truth.gravi"),
     ("truth.gravimeter.sigma={a: 3x}", "truth.gravimeter.sigma: must be a number"),
     ("truth.gravimeter.sigma=-1", "truth.gravimeter.sigma: must be greater than 0, not"),
     ("truth.imu.rate=2", "truth.imu.rate: cannot differ from imu.rate (1.0), which says what the"),

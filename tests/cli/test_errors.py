@@ -20,6 +20,7 @@ ISOGAL = Path(sys.executable).with_name("isogal")
     [
         # a pipe that nobody reads is not reported; 141 as of a program that SIGPIPE has ended
         ("{} --version | sleep 0; exit $PIPESTATUS", 141, ""),
+        ("{} --help | sleep 0; exit $PIPESTATUS", 141, ""),
         (
             *("{} --version > /dev/full", 2),
             "isogal: the output cannot be written: No space left on device\n",
@@ -91,16 +92,18 @@ def handlers(monkeypatch):
     """Signals as a new process has them; afterwards as they were."""
     monkeypatch.setattr(errors, "_interrupts", errors.Interrupts())
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    signals = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+    before = {number: signal.getsignal(number) for number in signals}
+    for number in signals:
+        signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
 @pytest.mark.usefixtures("handlers")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupt_of_which_a_library_makes_an_error_of_its_own(number, capsys):
     @clean_errors
     def builds(interrupted: bool):

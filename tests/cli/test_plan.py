@@ -59,6 +59,7 @@ def test_what_is_printed(rough, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (("--from", "-36.5,146.85", "--to", "-10,147.15"), "no value at -10.0000, 147.1500 deg"),
         (("--from", "here", "--to", "-36,147"), "must be LATITUDE,LONGITUDE"),
         (("--from", "-36.5,147", "--to", "-36.5,147"), "the same place"),
         ((*ENDS, "--detour", "-1"), "must be > 0"),

@@ -54,6 +54,11 @@ def test_degrees_are_refused_where_radians_belong(use):
     use(-0.5 * np.pi)  # a pole
 
 
+def test_masked_latitudes_are_missing():
+    gravity = normal_gravity(np.ma.array([0.5, 0.6], mask=[False, True]))
+    assert gravity[0] == normal_gravity(0.5) and np.isnan(gravity[1])
+
+
 def test_radii_are_those_of_the_published_quadrant_and_polar_curvature():
     length, _ = quad(lambda latitude: float(radii(latitude)[0]), 0.0, np.pi / 2, epsabs=1e-6)
     assert length == pytest.approx(10001965.7293, abs=1e-4)  # Moritz (2000), as the next

@@ -234,13 +234,18 @@ def test_late_a_fix_is_rejected_as_in_time_and_passes_if_an_older_reset_comes():
     (np.nan, 0.0, 0.0, "not later"),
     (11.0, np.nan, 0.0, "IMU sample is not finite"),
     (11.0, 0.0, np.inf, "IMU sample is not finite"),
+    (11.0, [0.0, 0.0], 0.0, r"must be \(S,\), \(S, 3\) and \(S, 3\), are \(1,\), \(1, 2\)"),
+    ([], 0.0, 0.0, "IMU samples must be"),
+    ([11.0, 12.0], 0.0, 0.0, "IMU samples must be"),
 ])  # fmt: skip
 def test_samples_that_cannot_be_used_change_nothing(time, force, height, message):
     it = navigator()
     advance(it, 10)
     before = it.state.copy()
     with pytest.raises(ValueError, match=message):
-        it.imu(time, np.full(3, force), np.zeros(3), height)
+        it.imu(time, np.full(3, force) if np.ndim(force) == 0 else force, np.zeros(3), height)
+    with pytest.raises(ValueError, match="must increase"):
+        it.imu([11.0, 11.0], np.zeros((2, 3)), np.zeros((2, 3)), 0.0)
     assert it.time == 10.0
     assert identical(it.state, before)
 

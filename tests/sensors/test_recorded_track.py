@@ -1,5 +1,7 @@
 """The true route along a recorded track."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -125,3 +127,15 @@ def test_keys_of_other_routes_say_nothing_beside_a_track(key):
     value = {"start": [1.0, 2.0], "at_rest": 60.0}.get(key, [[1, 2, 3], [2, 3, 4]])
     with pytest.raises(InputError, match=f"{key}: says nothing beside track"):
         validate_scenario({"route": {"track": "a.csv", key: value}})
+
+
+def test_a_file_that_has_changed_is_read_anew(tmp_path):
+    """In a notebook the process stays, and the file does not."""
+    time, north, east = circle_after_rest()
+    of_file = scenario(write(tmp_path / "track.csv", time, north, east))
+    before = build_trajectory(of_file), first_place(of_file.route)
+    write(tmp_path / "track.csv", time, north + 5000.0, east)
+    os.utime(tmp_path / "track.csv", ns=(1, 1))  # however coarse the file system's clock is
+    after = build_trajectory(of_file), first_place(of_file.route)
+    assert (after[0].latitude[0] - before[0].latitude[0]) * NORTH == pytest.approx(5000.0, abs=1.0)
+    assert (after[1][0] - before[1][0]) * NORTH == pytest.approx(5000.0, abs=1.0)

@@ -79,7 +79,10 @@ def atomic_path(path: str | Path, sync: bool = True) -> Iterator[Path]:
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        why = error.strerror or str(error)
+        if (error.errno or 0) < 0:  # of a C library, which does not say what the system has said
+            why += "; is the disk full?"
+        raise InputError(f"{path}: cannot be written: {why}") from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -128,6 +131,12 @@ def reading(path: str | Path, kind: str | None = None) -> Iterator[None]:
         if isinstance(error, UnicodeDecodeError):
             raise InputError(f"{path}: is not a text file (UTF-8)") from None
         raise
+
+
+def changed_at(path: str | Path) -> int:
+    """Return when a file was changed, ns (0 = there is none): an argument of functions whose
+    results are kept, so that they read it anew."""
+    return Path(path).stat().st_mtime_ns if Path(path).exists() else 0
 
 
 def csv_text(rows: Sequence[Mapping[str, object]]) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 
 from isogal.afterwards import Sensed, smoothed_voyage
 from isogal.arrays import Array
+from isogal.earth.ellipsoid import in_radians
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fields.measured import measured_field
 from isogal.fix import Fix
@@ -63,6 +64,11 @@ class Navigator:
         Default: that of section `matcher`.
     horizon : float
         How old a measurement may be, s; infinite = the whole history is kept.
+
+    Raises
+    ------
+    InputError
+        The latitude at the start is in degrees, or settings do not fit matcher or maps.
     """
 
     def __init__(
@@ -76,6 +82,7 @@ class Navigator:
         matcher: Matcher | None = None,
         horizon: float = 1200.0,
     ) -> None:
+        in_radians(start.position[0])
         model = filter_model(assumed, gravity)
         motion = UnknownMotion().of_vehicle(assumed.velocity_aids)
         self.inertial: InertialNavigator

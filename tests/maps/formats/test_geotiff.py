@@ -3,6 +3,7 @@
 import numpy as np
 import pyproj
 import pytest
+from affine import Affine
 from rasterio.transform import from_origin
 
 from helpers.example_field import disturbance
@@ -57,6 +58,35 @@ def test_projected_systems_are_resampled(tmp_path, crs):
     lon, lat = to_degrees.transform(*np.meshgrid(x, y))
     corner = from_origin(x[0] - 250.0, y[0] + 250.0, 500.0, 500.0)
     check(geotiff(tmp_path / "a.tif", disturbance(lat, lon) * 1e5, corner, crs), 1e-6)
+
+
+def test_a_rotated_raster_is_where_it_says(tmp_path):
+    """A field that is linear in the place shows by how much the map is displaced: less than a
+    hundredth of its cells of 500 m."""
+    turned = Affine(470.0, 171.0, 330e3, 171.0, -470.0, 5.98e6)  # by 20 degrees
+    to_degrees = pyproj.Transformer.from_crs("EPSG:32755", "EPSG:4326", always_xy=True)
+    columns, rows = np.meshgrid(np.arange(120) + 0.5, np.arange(120) + 0.5)
+    lon, lat = to_degrees.transform(*(turned * (columns, rows)))
+    place = tmp_path / "a.tif"
+    for degrees, axis in ((lat, 0), (lon, 1)):
+        field_map = load_map(geotiff(place, degrees, turned, "EPSG:32755", unit="mGal"))
+        nodes = (field_map.latitude[:, None], field_map.longitude)[axis]
+        off = field_map.values / 1e-5 - np.degrees(nodes)
+        # at the raster's rim the convolution lacks cells
+        assert np.nanquantile(np.abs(off), 0.9) * 111e3 < 1.5
+
+
+@pytest.mark.parametrize(
+    ("crs", "corner", "words"),
+    [
+        ("EPSG:3995", (-6e4, 6e4), "holds a pole or crosses longitude 180; resample it"),
+        ("EPSG:32701", (1.8e5, 5.9e6), "holds a pole or crosses longitude 180; resample it"),
+        ('LOCAL_CS["mine",UNIT["metre",1]]', (0.0, 0.0), "does not say its coordinate reference"),
+    ],
+)
+def test_rasters_that_cannot_be_resampled(tmp_path, crs, corner, words):
+    transform = from_origin(*corner, 1e3, 1e3)
+    assert words in refused(geotiff(tmp_path / "a.tif", MGAL, transform, crs))
 
 
 def test_another_datum_is_transformed(tmp_path):

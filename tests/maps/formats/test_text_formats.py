@@ -72,7 +72,7 @@ def test_gdf_refusals(tmp_path, text, words):
     [
         "lon lat dg[mGal]\n" + ROWS,
         "# longitude latitude gravity_disturbance(mGal)\n" + ROWS,
-        "latitude,longitude,dg[mGal]\n" + table(SMALL, "lat lon value", ","),
+        "\ufefflatitude,longitude,dg[mGal]\n" + table(SMALL, "lat lon value", ","),  # of Excel
         "lon;lat;h;dg[mGal]\n" + table(SMALL, mark=";", extra="7"),
         "lon lat dg[mGal]\n" + "\n".join(sorted(ROWS.splitlines())) + "\n",
     ],

@@ -38,9 +38,9 @@ EXTRAS = {
 
 
 class Interrupts:
-    """Raises KeyboardInterrupt on Ctrl-C, as Python does, and on SIGTERM, which would leave
-    workers and half-written files behind; remembers that it came, as libraries may make an error
-    of their own of it (pydantic, while it builds a model)."""
+    """Raises KeyboardInterrupt on Ctrl-C, as Python does, and on SIGTERM and SIGHUP, which would
+    leave workers and half-written files behind; remembers that it came, as libraries may make an
+    error of their own of it (pydantic, while it builds a model)."""
 
     came = False
 
@@ -56,8 +56,9 @@ _interrupts = Interrupts()
 
 
 def remember_interrupts() -> None:
-    """Take Ctrl-C and SIGTERM, unless whoever has started this process ignores them."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    """Take Ctrl-C, SIGTERM, and SIGHUP of a terminal that is closed, unless whoever has started
+    this process ignores them, as `nohup` does."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupts)
 
@@ -78,7 +79,7 @@ def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
     fail.
 
     InputError, a package that is not installed, and a file that cannot be read or written, exit
-    with status 2, Ctrl-C and SIGTERM (`remember_interrupts`) with 130, a closed pipe (``isogal
+    with status 2, an interrupt (`remember_interrupts`) with 130, a closed pipe (``isogal
     ... | head``) silently with 141.
     Everything else is a defect of Isogal and keeps its traceback."""
 
@@ -97,7 +98,10 @@ def clean_errors(function: Callable[P, T]) -> Callable[P, T]:
             )
         except KeyboardInterrupt:
             fail("interrupted", INTERRUPTED)
-        except BrokenPipeError:
+        except (BrokenPipeError, SystemExit) as end:
+            # rich, which writes the help, makes status 1 of a closed pipe
+            if isinstance(end, SystemExit) and not isinstance(end.__context__, BrokenPipeError):
+                raise
             _discard_stdout()
             raise SystemExit(BROKEN_PIPE) from None
         except OSError as error:

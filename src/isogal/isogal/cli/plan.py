@@ -94,13 +94,17 @@ def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanRes
 
     The scenario says speed, turn rate, height, sensors and initial errors. The expected error is
     the posterior Cramér-Rao bound along the route as it is driven, at route.height."""
+    import numpy as np
+
     from isogal.cli.progress import Bars
     from isogal.evaluation.navigability.area import fitting
     from isogal.evaluation.planning.planner import plan_route
+    from isogal.maps.load import check_coverage
 
     request = asked.request()
     scenario = chosen.load()
     field_map = map_.load_flown(scenario, _around(request), "disturbance")
+    check_coverage(field_map, *np.transpose([request.start, request.goal]))
     truth = fitting(scenario.true, field_map)
     with Bars("columns") as bars:
         found = plan_route(

@@ -6,7 +6,7 @@ same numbers (tested)."""
 import numpy as np
 from numpy.typing import ArrayLike
 
-from isogal.arrays import Array
+from isogal.arrays import Array, real_numbers
 from isogal.compiled import kernel
 from isogal.errors import InputError
 
@@ -25,9 +25,9 @@ _FARTHEST = 1.6
 
 
 def in_radians(latitude: ArrayLike) -> Array:
-    """Return latitudes (rad) as an array; raises InputError where one is beyond the poles, as
-    degrees mostly are."""
-    array = np.asarray(latitude, dtype=float)
+    """Return latitudes (rad) as an array, NaN where they are masked; raises InputError where one
+    is no number, or beyond the poles, as degrees mostly are."""
+    array = np.asarray(real_numbers(latitude, "latitude"), dtype=float)
     beyond = np.abs(array) > _FARTHEST
     if beyond.any():
         raise InputError(

@@ -11,6 +11,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.errors import InputError
+from isogal.files import changed_at
 from isogal.maps.gridding.rows import TIME, Column, one_line, read_rows
 from isogal.maps.quantities import QUANTITIES, UNITS, check_plausible, unit_factor
 from isogal.scenario import Readings
@@ -59,7 +60,7 @@ def recorded_scans(
         field, or none of its readings is within the track's time.
     """
     begin, interval, count = clock
-    time, value = _read(readings, line, quantity)
+    time, value = _read(readings, line, quantity, changed_at(readings.source or ""))
     since = time - begin
     used = np.isfinite(value) & (since > 0.0) & (since <= interval * count + 1e-6)
     if not used.any():
@@ -90,8 +91,11 @@ def _end_of_scans(phase: Array, interval: float) -> float:
 
 
 @lru_cache(maxsize=8)
-def _read(readings: Readings, line: str | None, quantity: str) -> tuple[Array, Array]:
-    """Return times (s, on the file's clock, increasing) and readings (unit inside; NaN = none)."""
+def _read(
+    readings: Readings, line: str | None, quantity: str, changed: int
+) -> tuple[Array, Array]:
+    """Return times (s, on the file's clock, increasing) and readings (unit inside; NaN = none);
+    `changed`: see `changed_at`."""
     assert readings.source is not None  # the caller has checked
     rows = read_rows(readings.source, "time and a column of readings")
     if rows.line is not None and line in rows.line:

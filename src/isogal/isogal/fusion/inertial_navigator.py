@@ -162,15 +162,21 @@ class InertialNavigator:
         Raises
         ------
         ValueError
-            A stamp is not later than the one before, or a value is not finite; nothing is changed.
+            Shapes differ from these, a stamp is not later than the one before, or a value is not
+            finite; nothing is changed.
         FilterDivergenceError
             The covariance is no longer positive definite; nothing is changed.
         """
         times = np.array(time, dtype=float, ndmin=1)
         force = np.array(specific_force, dtype=float, ndmin=2)
         rate = np.array(angular_rate, dtype=float, ndmin=2)
+        if not len(times) or not force.shape == rate.shape == (len(times), 3):
+            shapes = f"{times.shape}, {force.shape} and {rate.shape}"
+            raise ValueError(f"IMU samples must be (S,), (S, 3) and (S, 3), are {shapes}")
         if not times[0] > self.time:
             raise ValueError(f"stamp {times[0]:.3f} s is not later than {self.time:.3f} s")
+        if not (times[1:] > times[:-1]).all():
+            raise ValueError("stamps of IMU samples must increase")
         heights = np.empty(len(times))
         heights[:] = height
         # a sum is not finite where one of its terms is not

@@ -3,6 +3,7 @@ at once, and damaged ones are made again."""
 
 import contextlib
 import fcntl
+import functools
 import logging
 import os
 import tempfile
@@ -81,6 +82,11 @@ def read_or_make(makers: dict[Path, Maker], name: str) -> Iterator[tuple[Path, N
         yield path, _made(path, makers[path], name) if array is None else array
 
 
+@functools.cache  # once
+def _say_not_kept(folder: Path, why: str) -> None:
+    _LOG.warning("isogal: the cache %s cannot be written (%s): goes on without", folder, why)
+
+
 def _made(path: Path, maker: Maker, name: str) -> Numbers:
     """Return an array of a cache file, which is made if it is absent or damaged."""
     arrays: Arrays | None = None
@@ -94,5 +100,6 @@ def _made(path: Path, maker: Maker, name: str) -> Numbers:
             with atomic_path(path) as temporary:
                 np.savez(temporary, **arrays)
     except (OSError, InputError) as error:
-        _LOG.warning("%s is not kept in the cache: %s", path.name, error)
+        of_system = error.__context__ if isinstance(error, InputError) else error
+        _say_not_kept(path.parent, getattr(of_system, "strerror", str(error)))
     return np.asarray((maker() if arrays is None else arrays)[name])

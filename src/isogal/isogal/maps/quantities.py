@@ -248,6 +248,8 @@ def _possible(known: Quantity, low: float, high: float) -> bool:
 
 
 def _hint(found: tuple[float, float], low: float, high: float, quantity: str) -> str:
+    if any(abs(number) >= 999.0 and set(f"{abs(number):.0f}") == {"9"} for number in found):
+        return "so many nines are a missing value, which the file must say"
     known = QUANTITIES[quantity]
     for other, candidate in QUANTITIES.items():
         if (

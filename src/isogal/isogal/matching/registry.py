@@ -14,6 +14,7 @@ from isogal.scenario import Assumed, describe
 from isogal.scenario import Matcher as MatcherSettings
 
 Options = TypeVar("Options", bound=BaseModel)
+_MEMBERS = ("from_settings", "name", "context", "takes_channels", "match")
 
 
 def build_run_matcher(assumed: Assumed) -> Matcher:
@@ -56,8 +57,8 @@ def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
     Raises
     ------
     InputError
-        The name is unknown, an option is unknown or out of range, or the matcher does not take
-        several channels.
+        The name is unknown, an option is unknown or out of range, the matcher does not take
+        several channels, or what a package gives is none.
     """
     if channels and not able(settings.name, "takes_channels"):
         others = [one for one in plugins.names(plugins.MATCHERS) if able(one, "takes_channels")]
@@ -65,7 +66,13 @@ def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
             f"matcher.name: {settings.name} takes one number per scan; for readings of several"
             f" channels give {' or '.join(others)}"
         )
-    matcher: Matcher = plugins.load(plugins.MATCHERS, settings.name).from_settings(settings)
+    found = plugins.load(plugins.MATCHERS, settings.name)
+    matcher: Matcher = getattr(found, "from_settings", lambda _: found)(settings)
+    if lacking := [one for one in _MEMBERS if not hasattr(matcher, one)]:
+        raise InputError(
+            f"matcher '{settings.name}': its package gives no {Matcher.__module__}.Matcher: it"
+            f" lacks {', '.join(lacking)}"
+        )
     return matcher
 
 

@@ -6,7 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from isogal.errors import InputError
-from isogal.files import reading
+from isogal.files import changed_at, reading
 from isogal.scenario.inertial import Grade
 from isogal.scenario.section import validated
 from isogal.yaml_text import parse_yaml
@@ -27,7 +27,7 @@ def grade_of(name: str, path: str | None = None) -> Grade:
     known = dict(built_in())
     if path is not None:
         with reading(f"grades: {path}"):
-            known |= _own(path, Path(path).stat().st_mtime_ns)
+            known |= _own(path, changed_at(path))
     if name not in known:
         raise InputError(f"grade: '{name}' is not known; allowed: {', '.join(known)}")
     return known[name]
@@ -42,7 +42,7 @@ def built_in() -> dict[str, Grade]:
 
 @lru_cache(maxsize=8)
 def _own(path: str, changed: int) -> dict[str, Grade]:
-    """Return the grades of a file; `changed`, its time stamp, makes it read anew."""
+    """Return the grades of a file; `changed`: see `changed_at`."""
     return parse(Path(path).read_text(encoding="utf-8"), path)
 
 

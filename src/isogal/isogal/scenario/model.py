@@ -8,7 +8,7 @@ section. Assumed and true do not pass for each other; what both have alike, such
 
 import math
 from collections.abc import Sequence
-from typing import Self, TypeVar
+from typing import NoReturn, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -270,6 +270,11 @@ class Assumed(Settings):
     def each_field(self) -> tuple[Self, ...]:
         """What is assumed of each field by itself; of one field this."""
         return (self,) if self.fields is None else settings_of(self)
+
+    @property
+    def informed(self) -> NoReturn:
+        """Raises TypeError: nobody who only assumes is informed (`Truth.informed`)."""
+        raise TypeError("needs what really is: give `scenario.true`, not the scenario")
 
     @property
     def gravity_field(self) -> Self:

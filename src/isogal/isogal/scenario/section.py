@@ -141,7 +141,7 @@ def describe(error: ValidationError, model: type[BaseModel], prefix: str = "") -
         inside = ".".join(str(part) for part in item["loc"] if not _is_type(str(part)))
         key = prefix + inside if inside else prefix.removesuffix(".")
         colon = f"{key}: " if key else ""
-        if item["type"] == "extra_forbidden":
+        if item["type"] in ("extra_forbidden", "invalid_key"):  # the latter is no text
             allowed[f"unknown key '{key}'{_nearest(inside, model, prefix)}", ""] = []
         elif item["type"] == "value_error":
             text = str(item["ctx"]["error"])

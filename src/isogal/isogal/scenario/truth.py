@@ -139,7 +139,7 @@ def _without_multiples(changes: Mapping[str, Value], assumed: Document, where: s
         known, place = assumed.get(key), f"{where}.{key}"
         if isinstance(value, Mapping) and isinstance(known, Mapping):
             result[key] = _without_multiples(value, dict(known), place)
-        elif isinstance(value, str) and (match := _MULTIPLE.fullmatch(value)):
+        elif key in assumed and isinstance(value, str) and (match := _MULTIPLE.fullmatch(value)):
             result[key] = _multiple(float(match[1]), known, f"{place}: {value.strip()}")
     return result
 

@@ -62,9 +62,9 @@ class Positions:
 
 
 @lru_cache(maxsize=8)
-def read_positions(path: str, line: str | None = None) -> Positions:
+def read_positions(path: str, line: str | None = None, changed: int = 0) -> Positions:
     """Read a file of text or a NetCDF file with the columns time, latitude and longitude (deg) and
-    perhaps height (m), of one survey line where it has several.
+    perhaps height (m), of one survey line where it has several; `changed`: see `changed_at`.
 
     Raises
     ------
@@ -111,7 +111,7 @@ class Followed:
 
 
 @lru_cache(maxsize=2)
-def follow(route: Route, rate: float, samples: int, use_height: bool) -> Followed:
+def follow(route: Route, rate: float, samples: int, use_height: bool, changed: int) -> Followed:
     """Return how the track of a route is followed.
 
     Parameters
@@ -124,6 +124,8 @@ def follow(route: Route, rate: float, samples: int, use_height: bool) -> Followe
         Of the IMU in a step.
     use_height : bool
         Whether the file's heights are used, where it has some.
+    changed : int
+        See `changed_at`.
 
     Raises
     ------
@@ -132,7 +134,7 @@ def follow(route: Route, rate: float, samples: int, use_height: bool) -> Followe
     """
     assert route.track is not None  # the caller has checked
     try:
-        positions = read_positions(route.track, route.track_line)
+        positions = read_positions(route.track, route.track_line, changed)
     except InputError as error:
         raise InputError(f"route.track: {error}") from None
     span = float(np.ptp(positions.time))

@@ -17,6 +17,7 @@ from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, EARTH_RATE, A
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
+from isogal.files import changed_at
 from isogal.inertial.rotations import from_heading
 from isogal.scenario import Route, Settings
 from isogal.sensors.recorded_track import NEAREST_POLE_DEG, Followed, follow, read_positions
@@ -86,7 +87,8 @@ def followed(settings: Settings) -> Followed:
     """Return how the recorded track of a scenario is followed; raises InputError where it cannot
     be."""
     rate, samples = settings.navigation_rate, settings.samples_per_step
-    return follow(settings.route, rate, samples, settings.height.measured)
+    changed = changed_at(settings.route.track or "")
+    return follow(settings.route, rate, samples, settings.height.measured, changed)
 
 
 @lru_cache(maxsize=2)
@@ -111,7 +113,8 @@ def first_place(route: Route) -> tuple[float, float]:
     """Return latitude and longitude (rad) where a route begins; raises InputError where its
     recorded track cannot be read."""
     if route.track is not None:
-        latitude, longitude = read_positions(route.track, route.track_line).place[0].tolist()
+        found = read_positions(route.track, route.track_line, changed_at(route.track))
+        latitude, longitude = found.place[0].tolist()
         return latitude, longitude
     first = route.waypoints[0][:2] if route.waypoints is not None else route.start
     assert first is not None  # the scenario model has checked

@@ -110,11 +110,13 @@ def in_words(matches: Sequence[Match], fields: Sequence[TrackField]) -> list[str
                 f" constant {offset:.3g} ± {doubt:.2g} {field.unit}"
             )
     if each:
-        used, out = (sum(one[key] for one in each) for key in ("readings", "readings_left_out"))
+        # those of a batch without fix are matched again with the next
+        fixed = [found(one, fields) for one in matches if one.fix.published]
+        used, out = (sum(one[key] for one in fixed) for key in ("readings", "readings_left_out"))
         misfit = np.median([one["misfit"] for one in each])
         lines.append(
-            f"{used} readings used, {out} left out; squared residuals {misfit:.2f} of what is"
-            " expected"
+            f"fixes: {used} readings used, {out} left out; squared residuals {misfit:.2f} of what"
+            " is expected"
         )
     if published < len(fixes):
         lines.append(

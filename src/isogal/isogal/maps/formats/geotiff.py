@@ -70,7 +70,7 @@ def _system(source: "DatasetReader", crs: str | None, where: str) -> "CRS":
             return rasterio.crs.CRS.from_string(crs)
         except rasterio.errors.CRSError:
             raise InputError(f"{where}: crs '{crs}' is not known; give it as EPSG:4326") from None
-    if not source.crs:
+    if not (source.crs and (source.crs.is_geographic or source.crs.is_projected)):
         raise InputError(
             f"{where}: does not say its coordinate reference system; give crs= (--crs of 'isogal"
             " map convert'), for example EPSG:4326"
@@ -99,7 +99,13 @@ def _geographic(
         resampling=rasterio.enums.Resampling.cubic,
         nodata=math.nan,
         dtype="float64",
+        tolerance=1e-3,  # cells by which places may be wrong; 20 % slower than with the usual 1/8
     ) as warped:
+        if warped.height < 2:
+            raise InputError(
+                f"{where}: holds a pole or crosses longitude 180; resample it to latitude and"
+                " longitude first (gdalwarp)"
+            )
         yield warped, f"{where} (from {system.to_string()[:60]})"
 
 
@@ -108,7 +114,7 @@ def _band(source: "DatasetReader", variable: str | None, where: str) -> int:
         if source.count != 1:
             raise InputError(
                 f"{where}: has {source.count} bands ({source.descriptions}); give variable="
-                " (--variable) a number or description"
+                " (--variable, map.variable) a number or description"
             )
         return 1
     if variable.isdecimal() and 1 <= int(variable) <= source.count:

@@ -142,9 +142,10 @@ def _choose(dataset: "Dataset", name: str | None, quantity: str | None, where: s
             " grdconvert' first"
         )
     asked = f"for {quantity}" if quantity else "to use"
+    each = [f"{key} ({known[key] or 'of nothing said'})" for key in grids]
     raise InputError(
-        f"{where}: does not say which variable {asked}; give variable= (--variable) one of"
-        f" {', '.join(grids) or '(it has no grid)'}"
+        f"{where}: does not say which variable {asked}; give variable= (--variable, map.variable)"
+        f" one of {', '.join(each) or '(it has no grid)'}"
     )
 
 

@@ -42,14 +42,14 @@ def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
 def _rows(path: Path, order: str | None) -> Rows:
     """Return the rows of a file; `order`: names of its columns, where it does not name them."""
     with reading(path):
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
     first, _, rest = text.partition("\n")
     words = re.split(r"[\s,;]+", re.sub(r"[\[(].*?[\])]", "", first.lstrip("#> ")).casefold())
     if not all(set(words) & set(column.names) for column in _COLUMNS.values()):
         if order is None or order.count(",") < 2:
             raise InputError(
-                f"{path}: does not name its columns; give variable= (--variable) their order, for"
-                " example lon,lat,dg"
+                f"{path}: does not name its columns; give variable= (--variable, map.variable)"
+                " their order, for example lon,lat,dg"
             )
         mark = next((mark for mark in ",;" if mark in first), " ")
         first, rest = order.replace(",", mark), text

@@ -83,7 +83,7 @@ def _extension(path: Path, there: set[str], variable: str | None, quantity: str 
         if len(fitting) != 1:
             asked = f"a {quantity} map" if quantity else "the variable to use"
             raise InputError(
-                f"{path}: cannot tell {asked}; give variable= (--variable) one of"
+                f"{path}: cannot tell {asked}; give variable= (--variable, map.variable) one of"
                 f" {', '.join(sorted(there)) or ', '.join(KINDS)}"
             )
         variable = fitting[0]
