@@ -131,6 +131,15 @@ def test_a_gridded_map_may_be_displaced():
         np.testing.assert_allclose(displacement(one), expected, rtol=1e-6, atol=1e-3)
 
 
+def test_a_displacement_is_of_the_size_of_the_errors_along_the_track():
+    """Errors hold together over 2.45 km where the track is, over 1.2 km on most of the map."""
+    there = seen_of(EASTWARD, _gridded(2e-5, (9e6, 0.0, 4e6), 1.2e3))
+    there = there.placed(np.zeros((1, 2)), np.ones(1))
+    np.testing.assert_allclose(there.length / there.models.length, np.sqrt(6.0) / 1.2, rtol=1e-9)
+    nowhere = seen_of(EASTWARD, DISTURBANCE).placed(np.zeros((1, 2)), np.ones(1))
+    np.testing.assert_array_equal(nowhere.length, nowhere.models.length)
+
+
 def test_the_usual_length_of_a_gridded_map_is_not_that_of_exponentials():
     """`isogal match` passes it on as if it were an option."""
     gridded = _gridded(1e-5, (4e6, 0.0, 1e6), 1.5e3)

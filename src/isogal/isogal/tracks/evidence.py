@@ -20,7 +20,7 @@ from isogal.earth.frames import displaced
 from isogal.groups import Groups
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, RouteMap, channels_of
-from isogal.maps.error_ellipses import joint
+from isogal.maps.error_ellipses import joint, mean_length
 from isogal.maps.error_model import decay, displacements, shares, tensor_covariance
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, SecondaryBatch
@@ -75,6 +75,8 @@ class Seen:
     """(p, p, 2) m from point to point of the rows."""
     correlation: Array
     """(K, m, m) of the map's errors for each of the models' lengths, and as many smoother ones."""
+    here: float
+    """Length over which errors hold together along the rows, over that of the models."""
     known: Array
     """(m, m) covariance of what a continued map is wrong by where a row may be."""
     blur: Array
@@ -134,7 +136,7 @@ class Seen:
         initial, of_instrument = np.unique(models.initial, axis=0, return_inverse=True)
         return cls(
             name, readings, old, unused, rows, points, field_map, around, models, apart,
-            of_means(rows, points, every),
+            of_means(rows, points, every), 1.0,
             np.zeros(2 * [len(rows.first)]),
             of_means(rows, points, [slope])[0] / 6.0,
             np.stack([_of_instrument(readings, rows, one) for one in initial]),
@@ -167,8 +169,8 @@ class Seen:
 
     @property
     def length(self) -> Array:
-        """(M,) over which the map's errors hold together by the models, m."""
-        return self.models.length[self.which]
+        """(M,) over which the map's errors hold together along the rows by the models, m."""
+        return self.here * self.models.length[self.which]
 
     @property
     def map_sigma(self) -> Array:
@@ -247,7 +249,8 @@ class Seen:
         mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
         relative, alike = joint(np.moveaxis(self.apart, -1, 0), mean, mean)
         every = [alike * one for one in correlations(usual * relative, self.models.lengths)]
-        return replace(placed, correlation=of_means(self.rows, points, every))
+        here = float(mean_length(mean).mean()) / usual
+        return replace(placed, correlation=of_means(self.rows, points, every), here=here)
 
     def residuals(self, centres: Array) -> Array:
         """Return (m, C) at shifts (C, 2); NaN off the map."""

@@ -33,20 +33,12 @@ def displacement(shifts: Shifts) -> Array:
     """Return (2, 2) m², the covariance of the shift that displaced maps pass for; of several
     fields, whose maps are displaced independently, by what each says of the place."""
     each = [np.linalg.inv(shifts.covariance_by(one)) for one in shifts.seen]
-    whole = np.linalg.inv(sum(each))
-    parts = [
-        _variance(shifts, one) * whole @ own @ own @ whole
-        for one, own in zip(shifts.seen, each, strict=True)
-    ]
-    return np.asarray(sum(parts))
-
-
-def _variance(shifts: Shifts, one: Seen) -> float:
-    """Return the variance per axis by a field's models, m²."""
-    if not one.gridded:
-        return 0.0
-    sigma = displaced_by(one.length, one.map_sigma**2, one.shown(shifts.likeliest))
-    return float(shifts.of_models(one) @ sigma**2)
+    whole, total = np.linalg.inv(sum(each)), np.zeros((2, 2))
+    for one, own in zip(shifts.seen, each, strict=True):
+        if one.gridded:
+            sigma = displaced_by(one.length, one.map_sigma**2, one.shown(shifts.likeliest))
+            total += (shifts.of_models(one) @ sigma**2) * (whole @ own @ own @ whole)
+    return total
 
 
 def excess(shifts: Shifts) -> Array:
