@@ -56,7 +56,7 @@ class PaperOptions(BaseModel):
         2e-4, ge=0.0, description="normalised variability below which aiding stops"
     )
     largest_residual: float | None = Field(
-        30.0,
+        None,
         gt=0.0,
         description="mean square distance of z-bar from the track, in R-bar, above which aiding"
         " stops; null = never, as in the paper",

@@ -19,9 +19,10 @@ What the paper leaves open, and the choice here (each an option of `matcher.opti
   mean of eq. CV over the batch, C_ref its mean over a fixed lattice of 100 places of the map. The
   factor is T unless given: with P_{T|T} alone, aiding diverges.
 - The covariance is T times P_{T|T}, as if the errors of the T associations were one: what lies
-  farther off the track than that (`largest_residual`, in R-bar; 30, the paper's T) is in no
-  covariance, and aiding stops. Over the paper's route it was 10 at most in 3,900 batches; it is
-  above where the velocity may be so wrong that the windows of later scans hold other tracks.
+  farther off the track than that, T times R-bar, is in no covariance. `largest_residual` stops
+  aiding above such a residual; as in the paper it is not used unless given. Over the paper's route
+  it was 10 at most in 3,900 batches; it is above 30 where the velocity may be so wrong that the
+  windows of later scans hold other tracks.
 - A scan counts only where the map has a value at the navigator's position: a window cut off at the
   edge would pull inwards.
 
