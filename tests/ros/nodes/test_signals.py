@@ -17,15 +17,18 @@ from isogal_ros.nodes.middleware import LEASE, OWN_FILES, PROFILES
 from isogal_ros.nodes.signals import INTERRUPTED
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.7])
-def test_an_early_interrupt_says_nothing(tmp_path, delay) -> None:
-    """From the first import on; it once printed where the imports were."""
+@pytest.mark.parametrize(
+    ("delay", "number"), [(0.0, signal.SIGINT), (0.7, signal.SIGINT), (3.0, signal.SIGHUP)]
+)
+def test_an_early_interrupt_says_nothing(tmp_path, delay, number) -> None:
+    """From the first import on; it once printed where the imports were. A terminal that is closed
+    ends a node as Ctrl-C does."""
     before, log = shared_memory(), tmp_path / "log"
     process = start_node(topics.UKF_FUSION, log=log)
     try:
         until(lambda: is_up(process), "the first lines", process)
         time.sleep(delay)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         assert process.wait(60) in (INTERRUPTED, 0)
     finally:
         end_all([process])

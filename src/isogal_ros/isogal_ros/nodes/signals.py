@@ -1,5 +1,5 @@
-"""SIGINT and SIGTERM in the process of one node: from its first line to its last, an end without
-a traceback."""
+"""SIGINT, SIGTERM and SIGHUP in the process of one node: from its first line to its last, an end
+without a traceback."""
 
 import gc
 import os
@@ -12,7 +12,9 @@ from types import FrameType
 
 INTERRUPTED = 130
 """Exit code of a process that was interrupted before it had begun."""
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = [signal.SIGINT, signal.SIGTERM]
+if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under nohup
+    _SIGNALS.append(signal.SIGHUP)
 
 
 def end_quietly(program: str, module: str | None = None) -> None:
@@ -33,7 +35,7 @@ def end_at_once() -> None:
 
 
 class Interrupt:
-    """True once SIGINT or SIGTERM came."""
+    """True once such a signal came."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -54,8 +56,8 @@ class Interrupt:
 
 @contextmanager
 def interrupts() -> Iterator[Interrupt]:
-    """Note SIGINT and SIGTERM instead of ending at once, so that what was published arrives before
-    the process ends."""
+    """Note signals instead of ending at once, so that what was published arrives before the
+    process ends."""
     interrupt = Interrupt()
     old = {number: signal.signal(number, interrupt) for number in _SIGNALS}
     try:
