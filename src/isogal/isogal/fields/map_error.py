@@ -18,6 +18,7 @@ from isogal.arrays import Array, Integers
 from isogal.earth.frames import geodetic_to_ecef
 from isogal.earth.plane import Plane
 from isogal.maps.error_model import decay, tensor_covariance, wave_factors
+from isogal.matrices import square_root, symmetric
 from isogal.scenario import Truth
 from isogal.seeds import generator
 from isogal.sensors.trajectory import Trajectory
@@ -220,8 +221,11 @@ def _horizontal_given(scans: Array, stations: Array, length: float) -> tuple[Arr
     known = covariance(down, down, scans, scans)
     cross = covariance(down, sideways, scans, twice)
     gain = np.linalg.solve(known + _JITTER * np.eye(len(scans)), cross)
-    rest = covariance(sideways, sideways, twice, twice) - cross.T @ gain
-    root = np.linalg.cholesky(0.5 * (rest + rest.T) + _JITTER * np.eye(len(twice)))
+    rest = symmetric(covariance(sideways, sideways, twice, twice) - cross.T @ gain)
+    try:
+        root = np.linalg.cholesky(rest + _JITTER * np.eye(len(twice)))
+    except np.linalg.LinAlgError:  # places that are passed again leave nothing to draw
+        root = square_root(rest)
     return np.asarray(gain), np.asarray(root)
 
 
