@@ -152,6 +152,20 @@ def test_what_is_believed_to_be_left(world, gravity, told, expected):
     assert (known.compensation.share > 0.0) == (gravity.get("compensation") != "none")
 
 
+def test_errors_are_drawn_where_places_are_passed_again(world):
+    """What is left of their covariance has no Cholesky factor there, by rounding."""
+    ends = (-36.6, 147.0, 22.0), (-36.420144, 147.0, 22.0)
+    scenario = changed(
+        world,
+        map_error={"sigma": 3e-5, "correlation_length": 1e4},
+        route={"waypoints": [*ends * 5, ends[0]], "duration": 9091.0},
+    )
+    trajectory = build_trajectory(scenario)
+    drawn = TrueMapError(scenario.true, trajectory, scan_index(scenario, trajectory), range(40))
+    _, errors = drawn.horizontal(drawn.at_scans())
+    np.testing.assert_allclose((errors**2).mean(axis=(0, 1)) / 3e-5**2, 0.5, atol=0.12)
+
+
 @pytest.mark.parametrize("most", [3000, 0], ids=["by a root", "by waves"])
 def test_drawn_errors_have_these_covariances(world, monkeypatch, most):
     monkeypatch.setattr("isogal.fields.map_error._EXACT_PLACES", most)
