@@ -57,6 +57,8 @@ _FACTORS: Final = {
 _NEAREST, _FARTHEST = 1e-4, 1e3
 """x of the table; nearer than that C_m is as good as at zero, farther m / x²."""
 _STEPS = 8000
+_TO_INVERSE_E: Final = 2.14619
+"""x where (1 + x) exp(-x) = 1 / e."""
 LEAST_STEP_M, NUGGET = 1.0, 1e-6
 """Nearer to the scan before map errors are the same; share of their variance that is each one's
 own, against rounding."""
@@ -243,6 +245,20 @@ def independent(count: int, travelled: Array, lengths: Array) -> tuple[Array, Ar
     each other, of rows that are distances (n,) in m from the ones before."""
     left = decay(travelled, lengths[:, None])[..., None, None]
     return left * np.eye(count), (1.0 - left**2) * np.eye(count)
+
+
+def smooth(travelled: Array, length: float) -> tuple[Array, Array]:
+    """Return `step` and `joined` (n, 2, 2) as `chained` does of an error without kinks and its
+    slope, both in units of their 1-sigma, of rows that are distances (n,) in m from the ones
+    before.
+
+    Errors at a distance d have the correlation (1 + d / a) exp(-d / a), which is 1 / e at `length`
+    (m): Matern's of order 3/2 (Hartikainen & Sarkka 2010, IEEE MLSP, eq. 12)."""
+    d = travelled * _TO_INVERSE_E / length
+    left, zero = np.exp(-d), np.zeros_like(d)
+    step = np.stack([np.stack([1.0 + d, d], -1), np.stack([zero - d, 1.0 - d], -1)], axis=-2)
+    step *= left[:, None, None]
+    return step, np.eye(2) - step @ step.swapaxes(1, 2)
 
 
 def chained(

@@ -33,7 +33,7 @@ SPLIT = (
 """Weights, means and 1-sigma of three Gaussians for one: the 1-sigma of DeMars, Bishop & Jah
 (2013, JGCD 36:1047, table 1), weights and means those that are nearest in mean square with a
 variance of 1; theirs loses 4.5 % of it at each split."""
-MOST, USUAL_STATES = 3500, BATCH_STATES + 1 + len(UNKNOWN)
+MOST, USUAL_STATES = 3500, BATCH_STATES + 2 + len(UNKNOWN)
 """Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
 NEGLIGIBLE = 10.0
 """Log of how much less probable than all together a place may be before it is dropped."""

@@ -221,12 +221,21 @@ def _own(rows: Rows, size: int) -> Own:
 
 
 @kernel(error_model="numpy")
+def _several(used: Integers, c: int, errors: int) -> bool:
+    """Whether a model of the c states `used` has several of so many map errors, or one and its
+    slope; then it has all of them."""
+    second = BATCH_STATES + 1
+    return errors > 1 and c > second and used[second] == second
+
+
+@kernel(error_model="numpy")
 def _of_model(
     rows: Rows, used: Integers, c: int, shape: int, lag: float, noise: float, own: Own
 ) -> Late:
     """Write the rows of a model of the c states `used`, of whose noise the variance is so many
     times as large, and return by what its readings are late."""
     n, late = BATCH_STATES, late_by(used, c, own.reading.shape[1], lag, rows.past)
+    alone = not _several(used, c, rows.load.shape[2])
     for t in range(rows.level.shape[0]):
         own.level[t] = rows.level[t] - (rows.added[t] if late.value >= 0 else 0.0)
         own.noise[t] = noise * rows.noise[t]
@@ -234,7 +243,7 @@ def _of_model(
             s, keep, fresh = used[i], 1.0, 0.0
             if s >= n:
                 keep, fresh = rows.keep[t, s - n], rows.fresh[t, s - n]
-            if s == n and rows.load.shape[2] == 1 and rows.joined[shape, t, 0, 0] > 0.0:
+            if s == n and alone and rows.joined[shape, t, 0, 0] > 0.0:
                 keep, fresh = rows.step[shape, t, 0, 0], rows.joined[shape, t, 0, 0]
             own.keep[t, i], own.fresh[t, i] = keep, fresh
             own.reading[t, i] = 0.0 if i == late.delay else rows.reading[t, s]
@@ -498,7 +507,7 @@ def observed(
         from_north, from_east = before[0], before[1]
         for i in range(c):
             at[i] = before[i] + (shift[used[i]] if near else 0.0)
-        stepped = several if several > 1 and c > first and used[first] == first else 0
+        stepped = several if _several(used, c, several) else 0
         step, joined = rows.step[shape, :, :stepped, :stepped], rows.joined[shape]
         evidence[k] = _iterated(
             grid, rows, own, late, errors, step, joined, models.tails[m], c, update

@@ -378,6 +378,8 @@ def table_of(
     sigma, length, log_prior = (np.array([row[k] for row in rows]) for k in range(3))
     fault = [row[3] for row in rows]
     initial[:, : states.channels] = (sigma > 0.0)[:, None]
+    if states.smooth:
+        initial[:, 1] = [f.family == COARSE for f in fault]
     if states.unknown:
         last = initial[:, -states.unknown :]
         share = OF_SCALE * assumed.scale

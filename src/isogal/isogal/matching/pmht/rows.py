@@ -24,7 +24,7 @@ from isogal.arrays import Array, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, by_channel, channels_of
-from isogal.maps.error_model import Chain, chained, independent, shares
+from isogal.maps.error_model import Chain, chained, independent, shares, smooth
 from isogal.maps.field_map import FieldMap
 from isogal.maps.roughness import roughness_at
 from isogal.matching.interfaces import Batch
@@ -158,14 +158,16 @@ def rows_of(
     velocity = batch.velocity[which]
     first = _before(batch, which, states.order, last)
     elapsed = np.diff(time, prepend=first.time)
+    rough = np.zeros(len(lengths)) if rough is None else rough
     # places would have beams apart, and what fixes have moved the navigator by
     moved = velocity * elapsed[:, None]
     steps, step, joined = _of_map(batch, states, moved, first.steps, lengths, last is None)
+    for k in np.flatnonzero(rough > 0.0):
+        step[k], joined[k] = smooth(np.hypot(*moved.T), lengths[k])
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
     instrument = batch.instrument.part(which)
     place, reading = _effects(batch, which, instrument, states, first)
-    rough = np.zeros(len(lengths)) if rough is None else rough
     rows = Rows(
         np.ascontiguousarray(latitude),
         np.ascontiguousarray(longitude),

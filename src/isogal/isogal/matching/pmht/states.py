@@ -39,11 +39,13 @@ class States:
     walk: Array
     """(C,) random walk, unit per root second."""
     channels: int
-    """K times `order`."""
+    """U: K times `order`, or two where it is `smooth`."""
     unknown: int
     """How many of UNKNOWN there are: all, or none of readings that are several numbers."""
     slow: int = 0
     """How many of them, the first, are slow errors of the navigator's sensors (`Passage`)."""
+    smooth: bool = False
+    """Whether the map's error has a slope, a second state of models in which it has no kinks."""
     order: int = 1
     """Scans whose map errors say what the next ones are, where those of one scan depend on each
     other; 1 = the last one."""
@@ -68,14 +70,16 @@ class States:
             order = _scans_underneath(batch, channels)
         elif layout is not None and layout.of_one_potential is not None:
             order = TENSOR_ORDER
+        smooth = more > 0 and channels == 1
         return cls(
             every.names,
             every.sigma,
             every.times,
             every.walks,
-            channels * order,
+            2 if smooth else channels * order,
             more,
             0 if slow is None else len(slow.sigma),
+            smooth,
             order,
         )
 
