@@ -2,6 +2,7 @@
 covariances, so that thousands are one matrix product (docs/mathematics.md, section 9.1)."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_model import decay
 from isogal.maps.interpolation import Grid, look_up
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, at_same_time
-from isogal.matching.pmht.late import older
 from isogal.matching.pmht.models import RARE, Models
 from isogal.matching.pmht.rows import Rows, some
 
@@ -55,7 +55,7 @@ class Ranked:
     @classmethod
     def at(cls, seen: "Seen", centres: Array, size: float, spread: Array) -> "Ranked":
         """Return cells of centres (C, 2), m, and a size (m)."""
-        log = seen.log_evidence(residuals_at(seen.rows, seen.grid, centres), size)
+        log = seen.log_evidence(centres, size)
         prior = log_normal(centres, spread)[:, None] + 2.0 * math.log(size)
         return cls(seen, centres, size, spread, log + prior)
 
@@ -145,8 +145,11 @@ class Seen:
     grid: Grid
     noise: Array
     """(n,) variance of the white noise."""
-    other: Array
-    """(n, n) covariance of what is neither noise nor the map's error, of no cell."""
+    filters: Mapping[float, Array]
+    """(n, n) what a low-pass filter makes of what is sensed, by its time constant, s."""
+    other: Mapping[int, Array]
+    """By the models' groups (n, n) covariance of what is neither noise nor the map's error, of no
+    cell."""
     blur: Array
     """(n, n) what is to be added to it per squared size of a cell, 1 / m²."""
     shape: Array
@@ -155,14 +158,7 @@ class Seen:
 
     @classmethod
     def of(cls, rows: Rows, since: Array, field_map: AnyMap, models: Models) -> "Seen":
-        """Average rows, of whose x `since` (n, 7, 7) says what is unknown (`unaided`); of those
-        through a filter, where they tell of in the mean."""
-        to_older = older(rows.past, models.lag[0])
-        rows = rows._replace(
-            latitude=rows.latitude + to_older[:, 0],
-            longitude=rows.longitude + to_older[:, 1],
-            level=rows.level - to_older[:, 2],
-        )
+        """Average rows, of whose x `since` (n, 7, 7) says what is unknown (`unaided`)."""
         size = -(-len(rows.level) // GROUPS)
         # those of a channel one after the other, the last of them in whole groups
         each = [np.flatnonzero(rows.channel == k) for k in np.unique(rows.channel)]
@@ -174,7 +170,8 @@ class Seen:
         grouped = some(rows, 0, 1)._replace(
             latitude=mean(rows.latitude), longitude=mean(rows.longitude), radian=mean(rows.radian),
             level=mean(rows.level), place=mean(rows.place), reading=mean(rows.reading),
-            load=np.stack([mean(one) for one in rows.load]), channel=rows.channel[which[::size]],
+            load=np.stack([mean(one) for one in rows.load]), added=mean(rows.added),
+            channel=rows.channel[which[::size]],
         )  # fmt: skip
         apart = horizontal_difference(
             grouped.latitude[:, None], grouped.longitude[:, None],
@@ -183,38 +180,64 @@ class Seen:
         distance = np.hypot(apart[..., 0], apart[..., 1])
         slope = slopes(field_map, grouped.latitude, grouped.longitude, distance)
         noise = mean(rows.noise) / size
-        other = np.zeros((len(noise), len(noise)))
-        covariance, gone = map(mean, states_at(rows, since, models.initial[0]))
-        order = mean(np.arange(float(len(rows.level))))
-        for effect, unit in (
+        effects = (
             (grouped.reading, 1.0), (grouped.place[:, 0], slope), (grouped.place[:, 1], slope)
-        ):  # fmt: skip
-            other += unit * in_common(effect, covariance, gone, order)
+        )  # fmt: skip
+        order, other = mean(np.arange(float(len(rows.level)))), dict[int, Array]()
+        for group, first in zip(*np.unique(models.group, return_index=True), strict=True):
+            covariance, gone = map(mean, states_at(rows, since, models.initial[first]))
+            parts = [unit * in_common(one, covariance, gone, order) for one, unit in effects]
+            other[int(group)] = sum(parts, start=np.zeros_like(slope))
+        time = mean(np.cumsum(rows.elapsed))
+        filters = {lag: low_pass(time, lag) for lag in np.unique(models.lag).tolist()}
         load = grouped.load[models.shape[0]]
         shape = decay(distance, models.length[0]) * (load @ load.T)
-        return cls(grouped, field_map.grid, noise, other, slope / 6.0, shape, models)
+        return cls(grouped, field_map.grid, noise, filters, other, slope / 6.0, shape, models)
 
-    def log_evidence(self, residual: Array, cell: float) -> Array:
-        """Return (C, M) log evidence of residuals (n, C) in cells of a size (m), with the models'
-        prior; -inf off the map.
+    def log_evidence(self, centres: Array, cell: float) -> Array:
+        """Return (C, M) log evidence of readings in cells of centres (C, 2) and a size (m), with
+        the models' prior; -inf off the map.
 
         All models have one correlation length: with D the covariance of what is not the map's
         error and E the correlation of that, both are diagonal in the eigenvectors of E relative to
-        D, and for each noise the residuals are turned once for all sigmas."""
+        D, and for each group of models the residuals are turned once for all sigmas. Of what is
+        sensed, s, a filter F makes y = F s + noise: with residuals r = y - s that would be, were
+        there none, y - F s = y - F y + F r."""
         models = self.models
-        log = np.empty((residual.shape[1], len(models.sigma)))
-        for noise in np.unique(models.noise):
-            which = models.noise == noise
-            D = noise * np.diag(self.noise) + self.other + cell**2 * self.blur
+        log = np.empty((len(centres), len(models.sigma)))
+        residual = residuals_at(self.rows, self.grid, centres).astype(np.float32)
+        for group, other in self.other.items():
+            which = np.flatnonzero(models.group == group)
+            F = self.filters[models.lag[which[0]]]
+            D = F @ (other + cell**2 * self.blur) @ F.T
+            D += np.diag(models.noise[which[0]] * self.noise)
             factor = np.linalg.inv(np.linalg.cholesky(D))
-            values, vectors = np.linalg.eigh(factor @ self.shape @ factor.T)
-            turned = (vectors.T @ factor).astype(np.float32) @ residual.astype(np.float32)
+            through = factor @ F
+            values, vectors = np.linalg.eigh(through @ self.shape @ through.T)
+            y = self.rows.level - self.rows.added
+            turned = (vectors.T @ through).astype(np.float32) @ residual
+            turned += (vectors.T @ factor @ (y - F @ y)).astype(np.float32)[:, None]
             variance = 1.0 + np.outer(models.sigma[which] ** 2, np.maximum(values, 0.0))
             constant = models.log_prior[which] - 0.5 * np.log(variance).sum(axis=1)
             constant += np.log(np.diag(factor)).sum()
             log[:, which] = constant - 0.5 * (turned.T**2 @ (1.0 / variance.T).astype(np.float32))
         log[~np.isfinite(log)] = -np.inf
         return log
+
+
+def low_pass(time: Array, lag: float) -> Array:
+    """Return (n, n) what a first-order filter of a time constant (s) gives at times (n,) of what
+    is sensed there, that being linear in between and having been the same before; rows sum to
+    1."""
+    F = np.eye(len(time))
+    for k in range(1, len(time) if lag > 0.0 else 0):
+        elapsed = time[k] - time[k - 1]
+        left = math.exp(-elapsed / lag)
+        older = (1.0 - left) * lag / elapsed
+        F[k, :k] = left * F[k - 1, :k]
+        F[k, k - 1] += older - left
+        F[k, k] = 1.0 - older
+    return F
 
 
 def slopes(field_map: AnyMap, latitude: Array, longitude: Array, distance: Array) -> Array:

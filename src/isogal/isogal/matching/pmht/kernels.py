@@ -471,7 +471,7 @@ def observed(
 
     The readings are linearised at the mode (iterated extended Kalman filter; Bell & Cathey 1993),
     so that the evidence is Laplace's."""
-    n, size, several, first = rows.level.shape[0], mean.shape[1], rows.load.shape[2], BATCH_STATES
+    n, size, several = rows.level.shape[0], mean.shape[1], rows.load.shape[2]
     own, model, late, errors = _own(rows, size), -1, Late(-1, -1, -1, 0.0), np.empty((n, several))
     x, P, before = np.empty(size), np.empty((size, size)), np.empty(size)
     prior, at, shift = np.empty((size, size)), np.empty(size), np.zeros(size)

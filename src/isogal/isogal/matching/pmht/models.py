@@ -27,6 +27,7 @@ from isogal.matching.pmht.states import (
     DRIFT,
     FILTER,
     FILTER_ERROR,
+    UNKNOWN,
     States,
 )
 from isogal.matching.registry import check_options
@@ -424,13 +425,17 @@ def table_of(
 
 def few(models: Models, noise: float) -> Models:
     """Return the models by which a place is searched for: those without a fault but of the noise,
-    whose variances are a decade apart, of the usual length, with no map error and with sigmas that
-    are at least a factor of two apart, down to what readings of a 1-sigma can distinguish."""
+    whose variances are a decade apart, or of a filter, of the usual length, with no map error and
+    with sigmas that are at least a factor of two apart, down to what readings of a 1-sigma can
+    distinguish."""
     index = np.arange(float(len(models.sigma)))
     every_second = (largest(index, models.group) - index) % 2.0 == 0.0  # step of SIGMA_STEP
     shown = every_second & (models.sigma > NARROW * noise * np.sqrt(models.noise))
+    delay = DELAY - len(UNKNOWN)
+    late = models.initial[:, delay] > models.initial[models.family == NONE, delay].max()
     decade = np.isin(models.noise, 10.0 ** np.arange(4.0))
     plain = (models.family == NONE) | (models.family == NOISIER) & decade
+    plain |= (models.family == FILTERED) & ~late
     wanted = plain & (models.length == np.median(models.length)) & (shown | (models.sigma == 0.0))
     part = Models._make(column[wanted] for column in models)
     return part._replace(log_prior=part.log_prior - np.logaddexp.reduce(part.log_prior))

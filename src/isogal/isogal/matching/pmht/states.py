@@ -70,7 +70,7 @@ class States:
             order = _scans_underneath(batch, channels)
         elif layout is not None and layout.of_one_potential is not None:
             order = TENSOR_ORDER
-        smooth = more > 0 and channels == 1
+        smooth = more > 0 and channels * order == 1
         return cls(
             every.names,
             every.sigma,
