@@ -110,6 +110,15 @@ def of_gravity(auxiliary: Auxiliary, residual: Array) -> Auxiliary:
 
 
 @kernel(**INLINE)
+def add_gravity(auxiliary: Auxiliary, left: Array, more: float) -> None:
+    """Let a variance of `more`, (m/s²)², join that of the states of gravity in place; `left` (M,)
+    without it."""
+    for j in range(len(auxiliary.enters)):
+        if auxiliary.enters[j] == GRAVITY:
+            auxiliary.variance[j] = left[j] + more
+
+
+@kernel(**INLINE)
 def add_input(
     auxiliary: Auxiliary, j: int, value: float, force: Array, rate: Array, total: Array
 ) -> None:

@@ -9,11 +9,11 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from isogal.arrays import Array
-from isogal.fusion.auxiliary import Auxiliary, add_input, of_gravity
+from isogal.fusion.auxiliary import Auxiliary, add_gravity, add_input, of_gravity
 from isogal.fusion.nominal import Nominal, error_between, move
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
-from isogal.inertial.gravity import horizontal_gravity
+from isogal.inertial.gravity import horizontal_gravity, misplaced
 from isogal.inertial.rotations import matrix
 from isogal.inertial.strapdown import step
 
@@ -46,9 +46,11 @@ def advance(
         Receives the track (`isogal.fusion.prediction.TRACK_COLUMNS`).
     """
     learnt = of_gravity(assumptions.auxiliary, residual_gravity)
-    assumptions = assumptions._replace(auxiliary=learnt)
+    left, assumptions = learnt.variance.copy(), assumptions._replace(auxiliary=learnt)
     unscented, done = _unscented(covariance, assumptions), len(force)
     for k, known in enumerate(height):
+        spread = 0.5 * float(np.trace(unscented.P[:2, :2]))
+        add_gravity(learnt, left, misplaced(assumptions.compensation, spread))
         try:
             end = _predict(unscented, state, force[k], rate[k], assumptions)
             if assumptions.height_sigma > 0.0 and not np.isnan(known):
@@ -98,19 +100,18 @@ def _predict(
     """Predict over one interval; return the nominal state at its end, which filterpy's x is
     relative to then."""
     correlation, power = _ageing(assumptions.auxiliary, state.velocity, assumptions.dt)
-    known = horizontal_gravity(assumptions.compensation, state.position)
-    slope = np.reshape(known[2:], (2, 2))  # of the map, at the nominal place for all points
+    # at the nominal place for all points
+    gravity = np.array([*horizontal_gravity(assumptions.compensation, state.position), 0.0])
 
-    def after(of: Nominal, error: Array) -> Nominal:
-        gravity = np.array([*(known[:2] + slope @ error[:2]), 0.0])
+    def after(of: Nominal) -> Nominal:
         return _after(of, force, rate, gravity, correlation, assumptions)
 
-    centre = after(state, np.zeros(2))
+    centre = after(state)
 
     def process(error: Array, dt: float) -> Array:
         moved = Nominal(*(array.copy() for array in state))
         move(moved, error)
-        return error_between(after(moved, error), centre)
+        return error_between(after(moved), centre)
 
     axes, noise = matrix(centre.attitude), np.square(assumptions.noise) * assumptions.dt
     unscented.x = np.zeros(len(unscented.P))

@@ -25,7 +25,6 @@ from isogal.inertial.error_state import FILTER_STATES
 from isogal.inertial.rotations import (
     INLINE,
     SMALL,
-    Quaternion,
     Vector,
     from_short_rotation_vector,
     multiply,
@@ -115,7 +114,7 @@ def propagate_points(
     nominal: Nominal,
     force: Vector,
     rate: Vector,
-    gravity: tuple[Vector, Quaternion],
+    gravity: Vector,
     dt: float,
     coning: float,
     points: Array,
@@ -126,12 +125,11 @@ def propagate_points(
 
     `force`, `rate` (3,) are the interval's means as measured, without what the auxiliary states
     take off them; `gravity` is what the navigator knows of gravity beside normal gravity: to
-    north, east and down (m/s²), and the derivatives of the first two by north and by east (1/s²);
-    `coning` is that of the strapdown's step.
+    north, east and down (m/s²); `coning` is that of the strapdown's step.
     `pushes` (9, 32) is what the auxiliary part of each point adds (`auxiliary.spread_input`),
     `ends` (10, 32) gets position, velocity and attitude of each point."""
     position, velocity, attitude, ba, bg, _ = nominal
-    (gn, ge, gd), (gn_n, gn_e, ge_n, ge_e) = gravity
+    gn, ge, gd = gravity
     s, c = math.sin(position[0]), math.cos(position[0])
     m, n = curvature(s)
     per_north, per_east = 1.0 / (m + position[2]), 1.0 / ((n + position[2]) * c)
@@ -168,11 +166,7 @@ def propagate_points(
                 wy - points[13, i] - pushes[7, i],
                 wz - points[14, i] - pushes[8, i],
             ),
-            (
-                gn + gn_n * points[0, i] + gn_e * points[1, i] + pushes[0, i],
-                ge + ge_n * points[0, i] + ge_e * points[1, i] + pushes[1, i],
-                gd + pushes[2, i],
-            ),
+            (gn + pushes[0, i], ge + pushes[1, i], gd + pushes[2, i]),
             dt,
             coning,
         )

@@ -16,6 +16,7 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.fusion.auxiliary import (
     Auxiliary,
+    add_gravity,
     add_input,
     age,
     of_gravity,
@@ -39,7 +40,7 @@ from isogal.fusion.sigma_points import (
     CORE as N,
 )
 from isogal.fusion.trace import Trace, record_cross, record_filtered, record_predicted
-from isogal.inertial.gravity import Compensation, horizontal_gravity
+from isogal.inertial.gravity import Compensation, horizontal_gravity, misplaced
 from isogal.inertial.rotations import INLINE, rotate
 
 
@@ -174,6 +175,7 @@ def advance(
     ends = np.empty((10, LANES))
     mean, gain, total = np.zeros(width), np.zeros(width), np.zeros(9)
     auxiliary = of_gravity(assumptions.auxiliary, residual_gravity)
+    left = auxiliary.variance.copy()
     x, v, q = nominal.position, nominal.velocity, nominal.attitude
     for i in range(n):  # a slice would take seconds to compile
         for j in range(n):
@@ -185,18 +187,19 @@ def advance(
             break
         spread_points(n, factor, weights.spread, points)
         f, w = force[k], rate[k]
+        add_gravity(auxiliary, left, misplaced(compensation, 0.5 * (P[0, 0] + P[1, 1])))
         for j in range(9):
             total[j] = 0.0
         for j in range(n - N):
             add_input(auxiliary, j, nominal.auxiliary[j], f, w, total)
-        gn, ge, gn_n, gn_e, ge_n, ge_e = horizontal_gravity(compensation, x)
+        gn, ge = horizontal_gravity(compensation, x)
         if n > N:
             spread_input(auxiliary, f, w, points, pushes)
         propagate_points(
             nominal,
             (f[0] - total[3], f[1] - total[4], f[2] - total[5]),
             (w[0] - total[6], w[1] - total[7], w[2] - total[8]),
-            ((gn + total[0], ge + total[1], total[2]), (gn_n, gn_e, ge_n, ge_e)),
+            (gn + total[0], ge + total[1], total[2]),
             dt,
             coning,
             points,

@@ -185,14 +185,14 @@ def _propagate(
         attitude = (q[0], q[1], q[2], q[3])
         for k in range(steps):
             f, w = force[r, k], rate[r, k]
-            gravity = horizontal_gravity(compensation, position)
+            north, east = horizontal_gravity(compensation, position)
             position, velocity, attitude = step(
                 position,
                 velocity,
                 attitude,
                 (f[0], f[1], f[2]),
                 (w[0], w[1], w[2]),
-                (gravity[0], gravity[1], 0.0),
+                (north, east, 0.0),
                 dt,
                 coning,
             )

@@ -29,7 +29,7 @@ def sensed_at_rest(position: Array, model: FilterModel) -> tuple[Array, Array]:
     a position (3,)."""
     latitude, _, height = position.tolist()
     s, c = math.sin(latitude), math.cos(latitude)
-    north, east = horizontal_gravity(model.gravity.compensation, position)[:2]
+    north, east = horizontal_gravity(model.gravity.compensation, position)
     force = -np.array([north, east, normal_gravity_at(s, height)])
     return force, EARTH_RATE * np.array([c, 0.0, -s])
 
