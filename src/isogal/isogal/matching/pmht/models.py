@@ -59,6 +59,9 @@ WORSE = 10.0
 """Factor of a navigator's covariance from one model to the next."""
 LAGS, UNSURE_LAG = (15.0, 60.0), 0.5
 """Time constants of a low-pass filter, s, and their 1-sigma, of themselves."""
+FINER_LAGS, UNSURE_FINER = (10.0, 20.0, 40.0, 80.0), 0.25
+"""The same where a place is searched for: cells are ranked by time constants as they are, and
+with those above one in the middle was found in no cell."""
 LATE_S = 20.0
 """1-sigma of a delay where none is specified."""
 COUPLING = 1e-3
@@ -425,7 +428,8 @@ def table_of(
 
 def few(models: Models, noise: float) -> Models:
     """Return the models by which a place is searched for: those without a fault but of the noise,
-    whose variances are a decade apart, or of a filter, of the usual length, with no map error and
+    whose variances are a decade apart, or of a filter, whose time constants are a factor of two
+    apart, since cells are ranked by them as they are; of the usual length, with no map error and
     with sigmas that are at least a factor of two apart, down to what readings of a 1-sigma can
     distinguish."""
     index = np.arange(float(len(models.sigma)))
@@ -435,7 +439,25 @@ def few(models: Models, noise: float) -> Models:
     late = models.initial[:, delay] > models.initial[models.family == NONE, delay].max()
     decade = np.isin(models.noise, 10.0 ** np.arange(4.0))
     plain = (models.family == NONE) | (models.family == NOISIER) & decade
-    plain |= (models.family == FILTERED) & ~late
+    plain |= (models.family == FILTERED) & ~late & (models.lag == LAGS[0])
     wanted = plain & (models.length == np.median(models.length)) & (shown | (models.sigma == 0.0))
     part = Models._make(column[wanted] for column in models)
+    part = _with_lags(part, np.flatnonzero(part.family == FILTERED))
     return part._replace(log_prior=part.log_prior - np.logaddexp.reduce(part.log_prior))
+
+
+def _with_lags(models: Models, those: Integers) -> Models:
+    """Return models where each of `those`, which are next to each other, is one of each of
+    `FINER_LAGS`."""
+    if not those.size:
+        return models
+    count, lag = len(those), np.repeat(FINER_LAGS, len(those))
+    every = np.insert(np.arange(len(models.lag)), those[0], np.tile(those, len(FINER_LAGS) - 1))
+    models = Models._make(column[every] for column in models)
+    new = slice(those[0], those[0] + len(lag))
+    models.lag[new] = lag
+    models.log_prior[new] += math.log(len(LAGS) / len(FINER_LAGS))
+    models.initial[new, FILTER_ERROR - len(UNKNOWN)] = UNSURE_FINER * lag
+    models.group[new] += np.repeat(np.arange(len(FINER_LAGS)), count)
+    models.group[new.stop :] += len(FINER_LAGS) - 1
+    return models
