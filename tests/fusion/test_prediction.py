@@ -202,7 +202,6 @@ def start(model: FilterModel, seed: int = 3) -> FilterState:
 OF_A_MAP = KnownGravity(
     compensation_by(ChannelMap((MAP, field_map_of(lambda north, east: wavy(-east, north)))), 1.0)
 )
-"""Of which the compiled filter does within an interval what is linear in the place."""
 
 
 @pytest.mark.parametrize(
@@ -240,6 +239,26 @@ def test_gravity_states_go_by_what_has_been_learnt(filter_name):
     assert known.covariance[15, 15] > 1.5 * plain.covariance[15, 15]
     np.testing.assert_array_equal(learnt.covariance, known.covariance)
     np.testing.assert_array_equal(learnt.position, known.position)
+
+
+@pytest.mark.parametrize("filter_name", ["compiled", "reference"])
+def test_no_place_is_learnt_from_slopes_of_the_gravity_map(filter_name):
+    """A navigator that does not know its place takes off gravity of elsewhere, which a velocity
+    aid would show: what is left may be so much more, and says nothing of the place."""
+    left = AuxiliaryState("gravity_north", "gravity", 0, 1e-6, length=4e3)
+    flight, ends = fly(), []
+    for gravity, sigma in ((OF_A_MAP, 3e3), (KnownGravity(), 3e3), (OF_A_MAP, 3.0)):
+        model = dataclasses.replace(with_states((left, SPARE), filter_name), gravity=gravity)
+        state = start(model)
+        state.covariance[:] = np.diag([*SIGMA, 1e-6, 1.0]) ** 2
+        state.covariance[[0, 1], [0, 1]] = sigma**2
+        propagate(state, model, *flight.samples(0, 20))
+        ends.append(state.covariance)
+    lost, without, known = ends
+    apart = np.sqrt(without[0, 0] * without[3, 3])
+    assert lost[0, 3] == pytest.approx(without[0, 3], abs=1e-3 * apart)
+    assert lost[15, 15] > 100.0 * without[15, 15]
+    assert known[15, 15] == pytest.approx(without[15, 15], rel=0.1)
 
 
 def test_errors_agree_with_their_covariance():

@@ -1,5 +1,5 @@
-"""Map errors of the tensor's components that come from one potential: covariance against Fourier
-transforms of a grid and against drawn fields."""
+"""Map errors without kinks along a track, and of the tensor's components that come from one
+potential: covariance against Fourier transforms of a grid and against drawn fields."""
 
 from functools import partial
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from isogal.fields.map_error import TrueMapError
-from isogal.maps.error_model import displacements, shares, tensor_covariance
+from isogal.maps.error_model import displacements, shares, smooth, tensor_covariance
 from isogal.maps.potential import COMPONENTS, operator
 from isogal.maps.spectral import waves_of
 from isogal.scenario import validate_scenario
@@ -93,3 +93,18 @@ def test_drawn_fields_have_this_covariance():
     assert off.mean() < 0.05
     alone = TrueMapError(settings, trajectory, index, [3]).of_one_potential()
     np.testing.assert_array_equal(alone[0], drawn[3])
+
+
+def test_an_error_without_kinks_and_its_slope_are_a_markov_process():
+    """What two distances do is what their sum does; both keep their variance."""
+    steps, joined = smooth(np.array([300.0, 450.0, 750.0, 1200.0]), 1200.0)
+    np.testing.assert_allclose(steps[1] @ steps[0], steps[2], rtol=1e-12)
+    np.testing.assert_allclose(
+        steps[1] @ joined[0] @ steps[1].T + joined[1], joined[2], rtol=1e-12
+    )
+    np.testing.assert_allclose(steps @ steps.swapaxes(1, 2) + joined, [np.eye(2)] * 4)
+    assert (np.linalg.eigvalsh(joined) > 0.0).all()
+    assert steps[3, 0, 0] == pytest.approx(np.exp(-1.0), rel=1e-5)
+    # where it is nearly the same, it departs by the square of the distance
+    near, _ = smooth(np.array([1.0, 2.0]), 1200.0)
+    assert (1.0 - near[1, 0, 0]) / (1.0 - near[0, 0, 0]) == pytest.approx(4.0, rel=0.01)

@@ -19,7 +19,7 @@ from isogal.matching.information import LARGEST_RATIO
 from isogal.matching.interfaces import Information
 from isogal.matching.parameters import InstrumentErrors, Parameters
 from isogal.matching.pmht import hypotheses as bank_of
-from isogal.matching.pmht.cells import Seen, in_common, residuals_at
+from isogal.matching.pmht.cells import Seen, in_common, low_pass, residuals_at
 from isogal.matching.pmht.hypotheses import (
     CREDIBLE,
     FAINT,
@@ -37,6 +37,7 @@ from isogal.matching.pmht.models import (
     DECEIVED,
     FAULTS,
     FILTERED,
+    FINER_LAGS,
     LATE,
     NOISIER,
     NONE,
@@ -53,6 +54,7 @@ from isogal.matching.pmht.search import resolved
 from isogal.matching.pmht.states import DELAY, UNKNOWN, States
 from isogal.passage import Aided, History
 from isogal.scenario import Matcher
+from isogal.sensors import lag
 
 ROUGH = field_map_of(wavy)
 SIGMA = np.array([300.0, 200.0, 0.3, 0.2, 5e-5, 5e-5, 5e-4])
@@ -407,7 +409,19 @@ def test_a_search_has_few_models():
     assert least > 0.4e-5
     assert (np.diff(np.log(sigmas)) > np.log(1.9)).all()
     assert sigmas[-1] == UNTOLD.sigma[UNTOLD.family == NONE].max()
-    assert set(part.family) == {NONE, NOISIER}
+    assert set(part.family) == {NONE, NOISIER, FILTERED}
+    through = part.family == FILTERED
+    assert set(part.lag[through]) == set(FINER_LAGS)
+    assert np.ptp([part.log_prior[part.lag == lag].sum() for lag in FINER_LAGS]) < 1e-9
+    usual = (UNTOLD.family == FILTERED) & (UNTOLD.length == part.length[0])
+    usual &= UNTOLD.initial[:, DELAY - len(UNKNOWN)] == 0.0
+    odds = np.exp(part.log_prior[through]).sum() / np.exp(part.log_prior[part.sigma == 0.0]).max()
+    bank = np.exp(UNTOLD.log_prior[usual]).sum()
+    assert 0.3 < odds / (bank / np.exp(UNTOLD.log_prior).max()) < 1.0  # every second sigma
+    # one group, one time constant and noise
+    for group in np.unique(part.group):
+        of = part.group == group
+        assert all(np.ptp(column[of]) == 0.0 for column in (part.lag, part.noise))
     assert set(part.noise) == {1.0, 10.0, 100.0, 1000.0}
     assert np.exp(part.log_prior).sum() == pytest.approx(1.0)
     assert len(few(models(sigma=0.0, trust=1.0), 1e-5).sigma) == 1
@@ -485,6 +499,39 @@ def seen_of(bias: float) -> tuple[Seen, np.ndarray]:
     return Seen.of(rows, rest, ROUGH, few(told, 1e-5)), np.array([ERROR[:2], (0.0, 0.0)])
 
 
+def test_what_a_filter_gives_is_a_mean_of_what_was_sensed():
+    time, sensed = 30.0 * np.arange(40.0), np.random.default_rng(2).standard_normal(40)
+    F = low_pass(time, 45.0)
+    np.testing.assert_allclose(F @ sensed, lag.low_pass(sensed, 30.0, 45.0), rtol=1e-9)
+    uneven = np.delete(time, [7, 8, 20])
+    line = low_pass(uneven, 45.0) @ uneven
+    assert (line + 45.0)[-10:] == pytest.approx(uneven[-10:], abs=0.01)  # as old as the filter
+    np.testing.assert_array_equal(low_pass(time, 0.0), np.eye(40))
+
+
+def test_a_place_is_found_by_readings_through_a_filter():
+    """Cells are ranked by time constants: the place is the best of all by the right one alone."""
+    truth = np.array([2000.0, -1500.0, 0.0, 0.0])
+    batch, _ = make_batch(ROUGH, truth, 60, seed=None)
+    through = lag.low_pass(batch.reading, float(batch.time[1] - batch.time[0]), 40.0)
+    noise = 2e-6 * np.random.default_rng(5).standard_normal(60)
+    batch = replace(batch, reading=through + noise, sigma=np.full(60, 2e-6))
+    states = States.of(batch, ROUGH)
+    every = models_of(Assumed(noise=2e-6, scale=1e-4, rough=1e-5), states)
+    lengths, rough = every.shapes
+    rows, _ = rows_of(batch, ROUGH, states, lengths, None, rough)
+    rest = np.zeros((60, BATCH_STATES, BATCH_STATES))
+    seen = Seen.of(rows, rest, ROUGH, few(every, 2e-6))
+    axis = np.linspace(-3000.0, 3000.0, 13)
+    centres = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    log = seen.log_evidence(centres, 100.0)
+    best = np.array([log[:, seen.models.lag == one].max() for one in (0.0, *FINER_LAGS)])
+    assert best.argmax() == 1 + FINER_LAGS.index(40.0)
+    which = log[:, seen.models.lag == 40.0].max(axis=1).argmax()
+    np.testing.assert_array_equal(centres[which], truth[:2])
+    assert best[3] > best[0] + 20.0
+
+
 def test_a_told_bias_is_counted():
     """As a Gaussian whose covariance has the bias in all readings."""
     (without, centres), (with_bias, _) = seen_of(0.0), seen_of(5e-5)
@@ -493,6 +540,6 @@ def test_a_told_bias_is_counted():
     np.testing.assert_allclose(with_bias.other - without.other, 25e-10, rtol=1e-9)
     square = (np.linalg.solve(np.linalg.cholesky(R), residual) ** 2).sum(axis=0)
     expected = -0.5 * (square + np.linalg.slogdet(R)[1])
-    found = with_bias.log_evidence(residual, 100.0)[:, 0]
+    found = with_bias.log_evidence(centres, 100.0)[:, 0]
     np.testing.assert_allclose(found, expected, rtol=1e-3)
-    assert found[0] > without.log_evidence(residual, 100.0)[0, 0] + 10.0
+    assert found[0] > without.log_evidence(centres, 100.0)[0, 0] + 10.0

@@ -11,7 +11,7 @@ from helpers.bank import PLANE
 from helpers.batches import INTERVAL, field_map_of, make_batch, noise_covariance, wavy
 from isogal.earth.frames import horizontal_difference
 from isogal.maps.channels import ChannelMap
-from isogal.maps.error_model import tensor_covariance
+from isogal.maps.error_model import smooth, tensor_covariance
 from isogal.maps.roughness import roughness_at
 from isogal.matching.expansion import Soundings, channel_batch
 from isogal.matching.parameters import InstrumentErrors, Parameters
@@ -99,13 +99,13 @@ def test_accelerations_are_those_since_the_reading_before():
     angle, speed = 2e-3 * batch.time, 20.0
     turning = replace(batch, velocity=speed * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
     made, _, _ = rows(turning, PLANE)
-    moving = made.reading[:, 8 + COUPLING_FORWARD : 8 + FILTER_ERROR]
+    moving = made.reading[:, 9 + COUPLING_FORWARD : 9 + FILTER_ERROR]
     np.testing.assert_allclose(moving, [[0.0, speed * 2e-3]] * 30, atol=1e-5)
     _, epoch, _ = rows(replace(turning.part(np.arange(10)), new=10), PLANE)
     jump = np.array([0.0, 0.0, 0.5, -0.3, 0.0, 0.0, 0.0])
     moved = replace(turning, velocity=turning.velocity + jump[2:4], new=20, history=History(jump))
     later, _, _ = rows(moved, PLANE, epoch)  # a fix is no acceleration
-    np.testing.assert_allclose(later.reading[:, 8 + COUPLING_RIGHT], speed * 2e-3, rtol=0.05)
+    np.testing.assert_allclose(later.reading[:, 9 + COUPLING_RIGHT], speed * 2e-3, rtol=0.05)
 
 
 def test_told_parameters_have_states_before_those_nobody_tells_of():
@@ -117,12 +117,13 @@ def test_told_parameters_have_states_before_those_nobody_tells_of():
     )  # fmt: skip
     made, _, states = rows(replace(batch, instrument=InstrumentErrors(told, 1e-7)), PLANE)
     assert states.names == ("scale", "", *UNKNOWN)
-    assert states.count == 7 + 1 + 2 + len(UNKNOWN)
-    np.testing.assert_array_equal(made.reading[:, 8:10], told.reading)
-    np.testing.assert_array_equal(made.place[:, :, 8:10], told.position)
+    assert states.count == 7 + 2 + 2 + len(UNKNOWN)  # the map's error has a slope
+    np.testing.assert_array_equal(made.reading[:, 9:11], told.reading)
+    np.testing.assert_array_equal(made.place[:, :, 9:11], told.position)
     step = np.exp(-10.0 / 100.0)
-    np.testing.assert_allclose(made.keep[1], [1.0, 1.0, step, *np.ones(len(UNKNOWN))])
-    fresh = [0.0, 1e-6 * 10.0, 4.0 * (1.0 - step**2), 1e-14 * 10.0, *np.zeros(len(UNKNOWN) - 1)]
+    np.testing.assert_allclose(made.keep[1], [1.0, 1.0, 1.0, step, *np.ones(len(UNKNOWN))])
+    told_of = [1e-6 * 10.0, 4.0 * (1.0 - step**2), 1e-14 * 10.0]
+    fresh = [0.0, 0.0, *told_of, *np.zeros(len(UNKNOWN) - 1)]
     np.testing.assert_allclose(made.fresh[1], fresh)
     np.testing.assert_array_equal(made.fresh[0], 0.0)  # nothing before the first one
 
@@ -135,7 +136,7 @@ def test_a_map_that_is_worse_in_places_has_a_larger_error_there():
     own = replace(ROUGH, sigma=sigma).sigma_at(batch.latitude, batch.longitude)
     np.testing.assert_allclose(made.load[0, :, 0], own / sigma.mean())
     assert np.ptp(made.load[0]) > 0.5
-    assert (rows(batch)[0].load == 1.0).all()
+    assert (rows(batch)[0].load == [1.0, 0.0]).all()
 
 
 def test_what_a_grid_leaves_out_is_as_large_as_the_map_is_rough_there():
@@ -143,8 +144,14 @@ def test_what_a_grid_leaves_out_is_as_large_as_the_map_is_rough_there():
     states, rough = States.of(batch, ROUGH), np.array([0.0, 2e-5])
     made, _ = rows_of(batch, ROUGH, states, np.array([4000.0, 500.0]), None, rough)
     here = roughness_at(ROUGH, batch.latitude, batch.longitude)
-    assert (made.load[0] == 1.0).all()
+    assert (made.load[0] == [1.0, 0.0]).all()
     np.testing.assert_allclose(made.load[1, :, 0], here / 2e-5)
+    # it has no kinks: its slope goes with it
+    travelled = np.hypot(*batch.velocity[1:].T) * np.diff(batch.time)
+    step, joined = smooth(travelled, 500.0)
+    np.testing.assert_allclose(made.step[1, 1:], step)
+    np.testing.assert_allclose(made.joined[1, 1:], joined)
+    assert (made.step[0, :, 0, 1] == 0.0).all()
 
 
 T, SIGMA = 12, 1e-5
@@ -219,10 +226,11 @@ def covariance_of(batch):
     return noise_covariance(batch.instrument.parameters, batch.sigma, batch.time)
 
 
-def noisy(batch, seed=3):
+def noisy(batch, seed=4):
     """The batch with noise of its covariance on top of its readings."""
     random = np.random.default_rng(seed)
-    noise = random.multivariate_normal(np.zeros(len(batch)), covariance_of(batch))
+    root = np.linalg.cholesky(covariance_of(batch))  # the same on every machine
+    noise = root @ random.standard_normal(len(batch))
     return replace(batch, reading=batch.reading + noise)
 
 

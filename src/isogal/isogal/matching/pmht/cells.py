@@ -61,8 +61,9 @@ class Ranked:
 
     def finer(self) -> "Ranked | None":
         """Return the best cells, each divided by nine; None where they may not hold the place."""
-        best = _covering(np.logaddexp.reduce(self.log_density, axis=1), PLACES)
-        if best is None:
+        log = np.logaddexp.reduce(self.log_density, axis=1)
+        best = _best(log, PLACES)
+        if not _hold(best, log):
             return None
         size = self.size / 3.0
         ninths = square_of(np.arange(-1.0, 2.0) * size)
@@ -73,10 +74,10 @@ class Ranked:
         """Return those of the best cells and models about an error of covariance `wide` (7, 7);
         None where they may not hold the place."""
         states = BATCH_STATES + self.seen.models.initial.shape[1]
-        best = _covering(self.log_density.ravel(), round(PLACES * at_same_time(states)))
-        if best is None:
-            return None
+        best = _best(self.log_density.ravel(), round(PLACES * at_same_time(states)))
         which, model = np.divmod(best, self.log_density.shape[1])
+        if not _hold(np.unique(which), np.logaddexp.reduce(self.log_density, axis=1)):
+            return None
         return at_cells(self.seen.models, self.centres[which], model, self.size, wide)
 
     def share(self, place: Array, reach: float) -> float:
@@ -121,15 +122,16 @@ def log_normal(centres: Array, covariance: Array) -> Array:
     return -0.5 * (square + np.linalg.slogdet(covariance)[1]) - math.log(2.0 * math.pi)
 
 
-def _covering(log: Array, most: int) -> Integers | None:
-    """Return the best of (C,), without what is negligible; None where these may not hold what is
-    looked for."""
+def _best(log: Array, most: int) -> Integers:
+    """Return the best of (C,), without what is negligible; none of what is all off the map."""
     best = np.argsort(-log)[:most]
-    if log[best[0]] == -np.inf:  # off the map
-        return None
-    best = best[log[best] > log[best[0]] - NEGLIGIBLE]
-    lacking = np.logaddexp.reduce(log) - np.logaddexp.reduce(log[best])
-    return np.asarray(best, dtype=np.int64) if lacking < -math.log(1.0 - RARE) else None
+    return np.asarray(best[log[best] > log[best[0]] - NEGLIGIBLE], dtype=np.int64)
+
+
+def _hold(which: Integers, log: Array) -> bool:
+    """Whether some of (C,) hold what is looked for."""
+    held = np.logaddexp.reduce(log[which]) if len(which) else -np.inf
+    return bool(held > np.logaddexp.reduce(log) + math.log(1.0 - RARE))
 
 
 def square_of(axis: Array) -> Array:
@@ -147,9 +149,8 @@ class Seen:
     """(n,) variance of the white noise."""
     filters: Mapping[float, Array]
     """(n, n) what a low-pass filter makes of what is sensed, by its time constant, s."""
-    other: Mapping[int, Array]
-    """By the models' groups (n, n) covariance of what is neither noise nor the map's error, of no
-    cell."""
+    other: Array
+    """(n, n) covariance of what is neither noise nor the map's error, of no cell."""
     blur: Array
     """(n, n) what is to be added to it per squared size of a cell, 1 / m²."""
     shape: Array
@@ -180,14 +181,13 @@ class Seen:
         distance = np.hypot(apart[..., 0], apart[..., 1])
         slope = slopes(field_map, grouped.latitude, grouped.longitude, distance)
         noise = mean(rows.noise) / size
-        effects = (
+        other = np.zeros((len(noise), len(noise)))
+        covariance, gone = map(mean, states_at(rows, since, models.initial[0]))
+        order = mean(np.arange(float(len(rows.level))))
+        for effect, unit in (
             (grouped.reading, 1.0), (grouped.place[:, 0], slope), (grouped.place[:, 1], slope)
-        )  # fmt: skip
-        order, other = mean(np.arange(float(len(rows.level)))), dict[int, Array]()
-        for group, first in zip(*np.unique(models.group, return_index=True), strict=True):
-            covariance, gone = map(mean, states_at(rows, since, models.initial[first]))
-            parts = [unit * in_common(one, covariance, gone, order) for one, unit in effects]
-            other[int(group)] = sum(parts, start=np.zeros_like(slope))
+        ):  # fmt: skip
+            other += unit * in_common(effect, covariance, gone, order)
         time = mean(np.cumsum(rows.elapsed))
         filters = {lag: low_pass(time, lag) for lag in np.unique(models.lag).tolist()}
         load = grouped.load[models.shape[0]]
@@ -206,10 +206,10 @@ class Seen:
         models = self.models
         log = np.empty((len(centres), len(models.sigma)))
         residual = residuals_at(self.rows, self.grid, centres).astype(np.float32)
-        for group, other in self.other.items():
+        for group in np.unique(models.group):
             which = np.flatnonzero(models.group == group)
             F = self.filters[models.lag[which[0]]]
-            D = F @ (other + cell**2 * self.blur) @ F.T
+            D = F @ (self.other + cell**2 * self.blur) @ F.T
             D += np.diag(models.noise[which[0]] * self.noise)
             factor = np.linalg.inv(np.linalg.cholesky(D))
             through = factor @ F

@@ -59,9 +59,9 @@ WORSE = 10.0
 """Factor of a navigator's covariance from one model to the next."""
 LAGS, UNSURE_LAG = (15.0, 60.0), 0.5
 """Time constants of a low-pass filter, s, and their 1-sigma, of themselves."""
-FINER_LAGS, UNSURE_FINER = (10.0, 20.0, 40.0, 80.0), 0.25
-"""The same where a place is searched for: cells are ranked by time constants as they are, and
-with those above one in the middle was found in no cell."""
+FINER_LAGS = (10.0, 20.0, 40.0, 80.0)
+"""Those where a place is searched for, with half the 1-sigma: cells are ranked by time constants
+as they are, and with the two above one of 40 s was found in no cell."""
 LATE_S = 20.0
 """1-sigma of a delay where none is specified."""
 COUPLING = 1e-3
@@ -457,7 +457,7 @@ def _with_lags(models: Models, those: Integers) -> Models:
     new = slice(those[0], those[0] + len(lag))
     models.lag[new] = lag
     models.log_prior[new] += math.log(len(LAGS) / len(FINER_LAGS))
-    models.initial[new, FILTER_ERROR - len(UNKNOWN)] = UNSURE_FINER * lag
+    models.initial[new, FILTER_ERROR - len(UNKNOWN)] = 0.5 * UNSURE_LAG * lag
     models.group[new] += np.repeat(np.arange(len(FINER_LAGS)), count)
     models.group[new.stop :] += len(FINER_LAGS) - 1
     return models

@@ -162,7 +162,7 @@ def rows_of(
     # places would have beams apart, and what fixes have moved the navigator by
     moved = velocity * elapsed[:, None]
     steps, step, joined = _of_map(batch, states, moved, first.steps, lengths, last is None)
-    for k in np.flatnonzero(rough > 0.0):
+    for k in np.flatnonzero(rough > 0.0) if states.smooth else ():
         step[k], joined[k] = smooth(np.hypot(*moved.T), lengths[k])
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
