@@ -22,7 +22,7 @@ from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.averaging import few, neighbours
 from isogal.tracks.continued_map import continued
-from isogal.tracks.evidence import Seen, correlations, with_heavy_tails
+from isogal.tracks.evidence import Seen, correlations, held_together, with_heavy_tails
 from isogal.tracks.matching import Uncertainty, match_track
 from isogal.tracks.models import LENGTHS, SHAPES, track_models
 from isogal.tracks.widening import displacement, excess
@@ -138,6 +138,14 @@ def test_a_displacement_is_of_the_size_of_the_errors_along_the_track():
     np.testing.assert_allclose(there.length / there.models.length, np.sqrt(6.0) / 1.2, rtol=1e-9)
     nowhere = seen_of(EASTWARD, DISTURBANCE).placed(np.zeros((1, 2)), np.ones(1))
     np.testing.assert_array_equal(nowhere.length, nowhere.models.length)
+
+
+def test_errors_do_not_hold_together_across_a_line_of_the_survey():
+    """A track along the lines has one gap, one across them as many as it crosses."""
+    one, other = np.full(10, 4.0), np.full(10, 2.0)
+    assert held_together(one) == pytest.approx(4.0)
+    crossing = held_together(np.concatenate([one, [0.0], other]))
+    assert crossing**2 == pytest.approx((10.0**2 * 16.0 + 10.0**2 * 4.0) / 21.0**2)
 
 
 def test_the_usual_length_of_a_gridded_map_is_not_that_of_exponentials():

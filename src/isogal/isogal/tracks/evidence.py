@@ -249,7 +249,7 @@ class Seen:
         mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
         relative, alike = joint(np.moveaxis(self.apart, -1, 0), mean, mean)
         every = [alike * one for one in correlations(usual * relative, self.models.lengths)]
-        here = float(mean_length(mean).mean()) / usual
+        here = held_together(mean_length(mean)) / usual
         return replace(placed, correlation=of_means(self.rows, points, every), here=here)
 
     def residuals(self, centres: Array) -> Array:
@@ -319,6 +319,16 @@ def of_means(rows: Groups, points: Integers, each: Sequence[Array]) -> Array:
     means is one, a correlation function of their distances is not."""
     groups = Groups.by(rows.of[points])
     return np.stack([groups.mean(groups.mean(one).T) for one in each])
+
+
+def held_together(length: Array) -> float:
+    """Return over what length (m) errors hold together along a track on which their lengths are
+    (T,) m, point by point: of two points the least on the way from one to the other, its root mean
+    square over all pairs. Where a survey's readings are crossed the lengths are short, and the map
+    shows what is there in its place: an error before says nothing of one behind."""
+    ahead = np.triu(np.ones(2 * [len(length)], dtype=np.bool_))
+    least = np.minimum.accumulate(np.where(ahead, length**2, np.inf), axis=1)[ahead].sum()
+    return math.sqrt(float(2.0 * least - length @ length)) / len(length)
 
 
 def _of_instrument(readings: Rows, rows: Groups, initial: Array) -> Array:
