@@ -22,9 +22,17 @@ from isogal.scenario import Matcher
 from isogal.seeds import generator
 from isogal.tracks.averaging import few, neighbours
 from isogal.tracks.continued_map import continued
-from isogal.tracks.evidence import Seen, correlations, with_heavy_tails
+from isogal.tracks.evidence import Seen, correlations, held_together, with_heavy_tails
 from isogal.tracks.matching import Uncertainty, match_track
-from isogal.tracks.models import LENGTHS, SHAPES, track_models
+from isogal.tracks.models import (
+    BY_PLACE,
+    EVEN,
+    LENGTHS,
+    PATTERNS,
+    SHAPES,
+    pattern_of,
+    track_models,
+)
 from isogal.tracks.widening import displacement, excess
 
 DISTURBANCE = field_of("disturbance")
@@ -61,6 +69,30 @@ def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution(monkey
     assert np.isclose(np.exp(seen.models.log_prior).sum(), 1.0)
 
 
+def test_errors_of_each_place_are_those_that_the_map_says_there(monkeypatch):
+    monkeypatch.setattr("isogal.tracks.evidence.with_heavy_tails", lambda log_normal: log_normal)
+    rows, columns = DISTURBANCE.values.shape
+    north = np.broadcast_to(np.linspace(1e-5, 9e-5, rows)[:, None], (rows, columns))
+    field_map = replace(DISTURBANCE, sigma=north)
+    batch, _ = make_batch(field_map, velocity=(0.0, 60.0), scans=20)
+    centres = np.array([[0.0, 0.0], [4000.0, 0.0]])
+    seen = seen_of(batch, field_map).placed(centres[:1], np.ones(1))
+    which = np.flatnonzero(pattern_of(seen.models) == BY_PLACE)[::29]
+    relative, residual = seen.relative(centres), seen.residuals(centres)
+    there = field_map.sigma_at(
+        batch.latitude - 4000.0 / metres_per_radian(ORIGIN[0])[0], batch.longitude
+    )
+    usual = field_map.sigma_at(batch.latitude, batch.longitude)
+    expected = np.hypot(there, batch.sigma) / np.hypot(usual, batch.sigma)
+    np.testing.assert_allclose(relative, np.column_stack([np.ones(20), expected]), rtol=1e-3)
+    parts = seen.at(centres, 50.0, which).parts.sum(axis=1)
+    for found, m in zip(parts, which.tolist(), strict=True):
+        for k, at in enumerate(relative.T):
+            normal = multivariate_normal(np.zeros(20), np.outer(at, at) * seen.covariance(m, 50.0))
+            log = normal.logpdf(residual[:, k]) + 10.0 * np.log(2.0 * np.pi)
+            np.testing.assert_allclose(found[k], log, rtol=1e-8)
+
+
 def models(field_map=DISTURBANCE, **said):
     batch, _ = make_batch(field_map)
     return track_models(Matcher(**said), batch, field_map, States.of(batch, field_map))
@@ -73,7 +105,7 @@ def test_what_is_told_narrows_the_models():
     told = models(**keys)
     best = int(np.argmax(told.log_prior))
     assert (told.sigma[best], told.length[best]) == (3e-5, 2e3)
-    assert not (told.shape // len(told.lengths) % 2).any()  # even everywhere
+    assert (pattern_of(told) == EVEN).all()
     assert len(models(**keys, options={"trust": 1.0}).sigma) == 1
 
 
@@ -140,21 +172,29 @@ def test_a_displacement_is_of_the_size_of_the_errors_along_the_track():
     np.testing.assert_array_equal(nowhere.length, nowhere.models.length)
 
 
+def test_errors_do_not_hold_together_across_a_line_of_the_survey():
+    """A track along the lines has one gap, one across them as many as it crosses."""
+    one, other = np.full(10, 4.0), np.full(10, 2.0)
+    assert held_together(one) == pytest.approx(4.0)
+    crossing = held_together(np.concatenate([one, [0.0], other]))
+    assert crossing**2 == pytest.approx((10.0**2 * 16.0 + 10.0**2 * 4.0) / 21.0**2)
+
+
 def test_the_usual_length_of_a_gridded_map_is_not_that_of_exponentials():
     """`isogal match` passes it on as if it were an option."""
     gridded = _gridded(1e-5, (4e6, 0.0, 1e6), 1.5e3)
     passed_on = models(gridded, map_correlation_length=1.5e3)
     assert passed_on.shape.tolist() == models(gridded).shape.tolist()
-    assert passed_on.shape.max() // len(passed_on.lengths) >= SHAPES - 2
+    assert passed_on.shape.max() // len(passed_on.lengths) >= SHAPES - PATTERNS
     own = models(gridded, map_correlation_length=1e3)
-    assert own.shape.max() // len(own.lengths) < 2
+    assert own.shape.max() // len(own.lengths) < PATTERNS
 
 
 def test_all_kinds_of_correlation_have_the_length_as_their_integral():
     way = np.linspace(0.0, 60e3, 3001)
     for length in (2000.0, 4000.0):
         kinds = correlations(np.abs(way[:, None] - way), np.array([length]))
-        assert len(kinds) == SHAPES // 2
+        assert len(kinds) == SHAPES // PATTERNS
         for kind in kinds:
             assert np.trapezoid(kind[0], way) == pytest.approx(length, rel=0.02)
             assert np.linalg.eigvalsh(kind[::30, ::30])[0] > 0.0

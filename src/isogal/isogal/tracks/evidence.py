@@ -32,7 +32,7 @@ from isogal.matching.quasi_random import standard_normal
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.averaging import few, neighbours
 from isogal.tracks.continued_map import ContinuedMap, continued
-from isogal.tracks.models import SHAPES, track_models
+from isogal.tracks.models import BY_PLACE, PATTERNS, SHAPES, pattern_of, track_models
 from isogal.tracks.track import FEWEST
 
 MAP_REACH, POSSIBLE, SURE = 4.0, 0.05, 0.95
@@ -231,7 +231,7 @@ class Seen:
         rough *= float(own.mean()) / max(float(rough.mean()), 1e-300)
         mixed = (1.0 - GRADIENT_SHARE) * own + GRADIENT_SHARE * rough
         count = len(self.models.lengths)
-        load = np.sqrt(np.tile(np.repeat([own, mixed], count, axis=0), (2, 1)))[:, :, None]
+        load = np.sqrt(np.tile(np.repeat([own, mixed, own], count, axis=0), (2, 1)))[:, :, None]
         doubt = np.sqrt(mean_square(self.around.doubt))[points]
         known = decay(np.hypot(*np.moveaxis(self.apart, -1, 0)), FEATURE_M)
         placed = replace(
@@ -249,12 +249,27 @@ class Seen:
         mean[~(mean > 0.0).any(axis=1)] = usual**2 * np.array([1.0, 0.0, 1.0])
         relative, alike = joint(np.moveaxis(self.apart, -1, 0), mean, mean)
         every = [alike * one for one in correlations(usual * relative, self.models.lengths)]
-        here = float(mean_length(mean).mean()) / usual
+        here = held_together(mean_length(mean)) / usual
         return replace(placed, correlation=of_means(self.rows, points, every), here=here)
 
     def residuals(self, centres: Array) -> Array:
         """Return (m, C) at shifts (C, 2); NaN off the map."""
         return self.rows.mean(residuals_at(self.readings, self.field_map.grid, centres))
+
+    def relative(self, centres: Array) -> Array:
+        """Return (m, C) the 1-sigma of rows at shifts (C, 2) by a map that says it node by node,
+        over that where the track probably is."""
+        assert self.around is not None
+        readings, field_map = self.readings, self.around.field
+        square = np.zeros((len(readings.level), len(centres)))
+        for t, radian in enumerate(readings.radian):
+            north, east = (centres * radian).T
+            place = readings.latitude[t] - north, readings.longitude[t] - east
+            for nodes in (field_map.sigma, self.around.doubt):
+                square[t] += np.nan_to_num(field_map.linear(nodes, *place)) ** 2
+        probably = (self.around.uneven * self.load(0)) ** 2 + np.diag(self.known)
+        both = np.column_stack([self.rows.mean(square), probably]) + self.white[:, None]
+        return np.sqrt(both[:, :-1] / both[:, -1:])
 
     def covariance(self, m: int, cell: float) -> Array:
         """Return (m, m) R of a model in cells of a size (m)."""
@@ -262,7 +277,7 @@ class Seen:
         load = models.sigma[m] * self.load(shape)
         R = np.outer(load, load)
         count = len(models.lengths)
-        R *= self.correlation[shape // (2 * count) * count + shape % count]
+        R *= self.correlation[shape // (PATTERNS * count) * count + shape % count]
         R += self.known + self.instrument[self.of_instrument[m]] + cell**2 * self.blur
         R[np.diag_indices(len(R))] += self.white * models.noise[m]
         return np.asarray(R)
@@ -277,12 +292,16 @@ class Seen:
         ends = np.unique([*np.arange(BLOCKS) * new // BLOCKS, new])
         blocks = np.repeat(np.eye(len(ends) - 1), np.diff(ends), axis=1)  # (B, rows): sums
         parts = np.empty((len(which), len(blocks), len(centres)))
+        by_place = pattern_of(self.models)[which] == BY_PLACE
+        relative = self.relative(centres) if by_place.any() else np.ones_like(residual)
+        by_own, volume = residual / relative, blocks @ np.log(relative)[old:]
         for k, m in enumerate(which):
             factor = np.linalg.cholesky(self.covariance(m, cell))
-            term = (np.linalg.inv(factor) @ residual)[old:]
+            term = (np.linalg.inv(factor) @ (by_own if by_place[k] else residual))[old:]
             term *= -0.5 * term
             parts[k] = np.logaddexp(blocks @ term, blocks @ with_heavy_tails(term))
             parts[k] -= (blocks @ np.log(np.diag(factor))[old:])[:, None]
+        parts[by_place] -= volume
         parts -= math.log(2.0)
         parts[:, :, ~known] = -1e6
         return replace(self, which=which, parts=parts)
@@ -319,6 +338,16 @@ def of_means(rows: Groups, points: Integers, each: Sequence[Array]) -> Array:
     means is one, a correlation function of their distances is not."""
     groups = Groups.by(rows.of[points])
     return np.stack([groups.mean(groups.mean(one).T) for one in each])
+
+
+def held_together(length: Array) -> float:
+    """Return over what length (m) errors hold together along a track on which their lengths are
+    (T,) m, point by point: of two points the least on the way from one to the other, its root mean
+    square over all pairs. Where a survey's readings are crossed the lengths are short, and the map
+    shows what is there in its place: an error before says nothing of one behind."""
+    ahead = np.triu(np.ones(2 * [len(length)], dtype=np.bool_))
+    least = np.minimum.accumulate(np.where(ahead, length**2, np.inf), axis=1)[ahead].sum()
+    return math.sqrt(float(2.0 * least - length @ length)) / len(length)
 
 
 def _of_instrument(readings: Rows, rows: Groups, initial: Array) -> Array:

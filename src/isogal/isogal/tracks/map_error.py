@@ -20,6 +20,7 @@ from isogal.tracks.continued_map import rms_gradient
 from isogal.tracks.evidence import GRADIENT_SHARE, Seen
 from isogal.tracks.fields import TrackField
 from isogal.tracks.matching import Uncertainty
+from isogal.tracks.models import BY_GRADIENT, pattern_of
 from isogal.tracks.track import Track
 
 
@@ -49,7 +50,7 @@ def with_learnt_error(references: Sequence[Track], field_map: FieldMap) -> tuple
     weight = softmax(log)
     square = np.mean([one.map_sigma**2 for one in seen], axis=0)
     sigma = math.sqrt(float(weight @ square))
-    of_gradient = GRADIENT_SHARE * float(weight @ (models.shape // len(models.lengths) % 2))
+    of_gradient = GRADIENT_SHARE * float(weight @ (pattern_of(models) == BY_GRADIENT))
     latitude = np.concatenate([one.latitude for one in references])
     longitude = np.concatenate([one.longitude for one in references])
 

@@ -3,12 +3,13 @@ before any reading: the bank's models (`isogal.matching.pmht.models`) with wider
 track is often all that one has.
 
 The map's error holds together over a length, as a random walk that is drawn back or smoother, is
-even (or as the map says place by place) or goes with the map's gradient as that of values that are
-displaced does, and the readings have an unknown constant or none; sigma is on a logarithmic grid,
-and all combinations count
-(docs/mathematics.md, section 10.2)."""
+even (or as the map says where the track probably is, or says of each place) or goes with the map's
+gradient as that of values that are displaced does, and the readings have an unknown constant or
+none; sigma is on a logarithmic grid, and all combinations count (docs/mathematics.md, section
+10.2)."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -34,9 +35,13 @@ OWN = np.geomspace(0.2, 4.0, 9)
 """Factors on a sigma that the map has of its own, node by node."""
 SHARES = (0.002, 1.0, 14)
 """Grid of a sigma that is not specified, least, largest, number: shares of the field's spread."""
-SHAPES = 4
-"""Of the map's error for each length, so that `Models.shape` counts four times as many: even along
-the track, with its gradient; smoother and even, smoother with its gradient."""
+PATTERNS = 3
+EVEN, BY_GRADIENT, BY_PLACE = range(PATTERNS)
+"""How the map's error varies: along the track as the map says where it probably is, or not; with
+the map's gradient there; as the map says of each place that is compared."""
+SHAPES = 2 * PATTERNS
+"""Of the map's error for each length, so that `Models.shape` counts so many times as many: each
+pattern as a random walk that is drawn back, and smoother."""
 MISFITS, MISFIT_SHARE = (10.0, 100.0, 1e3, 1e4), 0.01
 """Factors on the variance of readings of several channels, in which an alignment or offset that
 is not specified is no constant, and their probability."""
@@ -45,8 +50,8 @@ is not specified is no constant, and their probability."""
 def track_models(
     settings: MatcherSettings, batch: Batch, field_map: AnyMap, states: States
 ) -> Models:
-    """Return the models of a field, of one map with four shapes for each length (`SHAPES`), by a
-    scenario's matcher section: its defaults count as not specified; raises InputError on a bad
+    """Return the models of a field, of one map with `SHAPES` for each length, by a scenario's
+    matcher section: its defaults count as not specified; raises InputError on a bad
     option."""
     assumed, said = assumed_of(settings, batch, field_map), settings.model_fields_set
     one = field_map if isinstance(field_map, FieldMap) else None
@@ -82,9 +87,11 @@ def track_models(
     models = table_of(rows, assumed, states)
     if one is None:
         return models
-    by_gradient = assumed.sigma is None or not isinstance(one.sigma, float)
+    uneven = not isinstance(one.sigma, float)
+    patterns = [EVEN, BY_GRADIENT] if uneven or assumed.sigma is None else [EVEN]
+    patterns += [BY_PLACE] if uneven else []
     # a specified length is that of an exponential, not what the map says of its usual one
-    return _of_shapes(models, by_gradient, not specified)
+    return _of_shapes(models, patterns, not specified)
 
 
 def _about(usual: float, trust: float, factors: Array) -> tuple[Array, Array]:
@@ -95,12 +102,17 @@ def _about(usual: float, trust: float, factors: Array) -> tuple[Array, Array]:
     return usual * factors, -0.5 * (np.log(factors) / math.log(trust)) ** 2
 
 
-def _of_shapes(models: Models, by_gradient: bool, smooth: bool) -> Models:
+def _of_shapes(models: Models, patterns: Sequence[int], smooth: bool) -> Models:
     count, wrong = len(models.lengths), models.sigma > 0.0
     parts = [models]
     for kind in range(1, SHAPES):
-        if (by_gradient or not kind % 2) and (smooth or kind < 2):
+        if kind % PATTERNS in patterns and (smooth or kind < PATTERNS):
             part = Models._make(column[wrong] for column in models)
             parts.append(part._replace(shape=part.shape + kind * count))
     whole = Models._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     return whole._replace(log_prior=whole.log_prior - np.logaddexp.reduce(whole.log_prior))
+
+
+def pattern_of(models: Models) -> Array:
+    """Return (M,) how the map's error varies by each model."""
+    return np.asarray(models.shape // len(models.lengths) % PATTERNS)
