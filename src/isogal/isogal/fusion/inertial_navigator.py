@@ -175,17 +175,15 @@ class InertialNavigator:
             raise ValueError(f"IMU samples must be (S,), (S, 3) and (S, 3), are {shapes}")
         if not times[0] > self.time:
             raise ValueError(f"stamp {times[0]:.3f} s is not later than {self.time:.3f} s")
-        single = len(times) == 1
-        if not (single or (times[1:] > times[:-1]).all()):
+        if len(times) > 1 and not (times[1:] > times[:-1]).all():
             raise ValueError("stamps of IMU samples must increase")
-        heights = np.empty(len(times))
-        heights[:] = height
+        heights = np.full(len(times), height, dtype=float)
         # a sum is not finite where one of its terms is not; of few numbers Python's is quicker
         total = sum(map(sum, force.tolist())) + sum(map(sum, rate.tolist()))
         if not math.isfinite(total) or any(map(math.isinf, heights.tolist())):
             raise ValueError("IMU sample is not finite")
         dt = self.model.dt
-        if single:
+        if len(times) == 1:
             # over a short gap the sample stands for the gap as well
             interval = float(times[0]) - self.time - (missing if missing > HELD else 0.0)
             dt = dt if abs(interval - dt) < AT_ONCE else interval
