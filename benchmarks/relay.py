@@ -20,7 +20,7 @@ from rclpy.serialization import deserialize_message
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.domain import local_context
-from isogal_ros.nodes.spin import make_executor
+from isogal_ros.nodes.spin import Spinning, make_executor
 from isogal_ros.topics import LOSSLESS, Message, Topic
 
 RECORDER = "recorder"
@@ -60,6 +60,8 @@ class Relay(Node):
     def __init__(self, name: str, sample: Sample, context: Context) -> None:
         super().__init__(f"bare_{name}", context=context)
         self.sample, self.finished = sample, False
+        self.finish: Callable[[], None] = lambda: None
+        """Called once it has."""
         self._heard: Counter[Topic] = Counter()
         self._outputs: dict[Topic, Callable[[], None]] = {}
         self._made = []
@@ -156,6 +158,7 @@ class Relay(Node):
             return
         if step == sample.steps:
             self.finished = True
+            self.finish()
             return
         self._step += 1
         self._send(STEP)
@@ -169,9 +172,10 @@ def main() -> None:
         nodes = [Relay(name, sample, context) for name in names or NODES]
         for node in nodes:
             executor.add_node(node)
-        last = nodes[-1]
+        last, spinning = nodes[-1], Spinning(executor)
+        last.finish = spinning.stop
         while not last.finished and context.ok():
-            executor.spin_once(timeout_sec=0.2)
+            spinning.spin(0.2)
         if last.finished:
             print(sample.steps, time.monotonic() - last.begun, flush=True)
             sys.stdin.readline()  # its processor time is looked at before it ends

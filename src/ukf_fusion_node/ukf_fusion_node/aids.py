@@ -130,6 +130,8 @@ class Aids:
     def are_due(self, ns: int, now: int) -> bool:
         """Whether readings of stamps up to `ns`, that of the first of the IMU samples that wait,
         are still to come; `now` is the stamp of the last."""
+        if not self._sources:
+            return False
         self._first = min(ns, self._first)
         begin = self._first - from_seconds(1.0 / self._scenario.imu.rate)
         return any(source.is_due(ns, now, begin) for source in self._sources.values())

@@ -110,6 +110,8 @@ class SampleMonitor:
             )
 
     def _refuse_stuck(self) -> None:
+        if not any(axis.count for axis in self._axes):  # as of nearly all samples
+            return
         found = {
             name: axis
             for name, axis, noisy in zip(AXES, self._axes, self._noisy, strict=True)
@@ -207,7 +209,7 @@ class GravityDirection:
         """
         if not self._count:
             self._since = time
-        self._sum -= rotate(*attitude, *force)[2]
+        self._sum -= rotate(*attitude.tolist(), *force.tolist())[2]
         self._count += 1
         if time - self._since >= LASTS:
             mean, self._sum, self._count = self._sum / self._count, 0.0, 0

@@ -1,11 +1,13 @@
 """A node as a process of its own."""
 
 import importlib
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from std_msgs.msg import Float64
 
 from helpers.commands import PATIENCE
 from helpers.own_memory import left_of
@@ -30,6 +32,45 @@ def test_arguments_reach_the_node() -> None:
     args = ["--ros-args", "-r", "__node:=other", "-p", "run:=3"]
     assert run_node("quiet", lambda: Finished("quiet"), args) == 0
     assert SEEN == [("other", 3)]
+
+
+class Endless(GraphNode):
+    """A node that hears itself: a message always waits."""
+
+    def setup(self) -> None:
+        self.heard = 0
+        self.level = self.advertise(topics.PROTECTION_LEVEL)
+        self.hear(topics.PROTECTION_LEVEL, self.take)
+        self.create_timer(0.01, lambda: self.heard or self.level.publish(Float64()))
+
+    def take(self, message: Float64) -> None:
+        self.heard += 1
+        if self.heard == 100:
+            self.end()
+        assert self.heard < 5000
+        self.level.publish(message)
+
+    def end(self) -> None:
+        self.finished = True
+
+
+class Signalled(Endless):
+    """One that a signal ends."""
+
+    def end(self) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+
+@pytest.mark.parametrize("kind", [Endless, Signalled])
+def test_a_node_ends_at_once_whatever_waits(kind) -> None:
+    made = []
+
+    def make() -> Endless:
+        made.append(kind("endless"))
+        return made[0]
+
+    assert run_node("endless", make, []) == 0
+    assert made[0].heard == 100
 
 
 @pytest.mark.parametrize(

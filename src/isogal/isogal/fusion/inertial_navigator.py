@@ -175,12 +175,12 @@ class InertialNavigator:
             raise ValueError(f"IMU samples must be (S,), (S, 3) and (S, 3), are {shapes}")
         if not times[0] > self.time:
             raise ValueError(f"stamp {times[0]:.3f} s is not later than {self.time:.3f} s")
-        if not (times[1:] > times[:-1]).all():
+        if len(times) > 1 and not (times[1:] > times[:-1]).all():
             raise ValueError("stamps of IMU samples must increase")
-        heights = np.empty(len(times))
-        heights[:] = height
-        # a sum is not finite where one of its terms is not
-        if not math.isfinite(force.sum() + rate.sum()) or np.isinf(heights).any():
+        heights = np.full(len(times), height, dtype=float)
+        # a sum is not finite where one of its terms is not; of few numbers Python's is quicker
+        total = sum(map(sum, force.tolist())) + sum(map(sum, rate.tolist()))
+        if not math.isfinite(total) or any(map(math.isinf, heights.tolist())):
             raise ValueError("IMU sample is not finite")
         dt = self.model.dt
         if len(times) == 1:
@@ -539,7 +539,7 @@ class InertialNavigator:
                 grow(state, segment.missing, motion)
         samples = segment.force, segment.rate, segment.height
         tracks = [propagate(state, self.model, *samples, segment.dt) for state in after.states]
-        return after, tracks[int(np.argmax(after.log_weights))]
+        return after, tracks[int(np.argmax(after.log_weights)) if len(tracks) > 1 else 0]
 
 
 _EMPTY = np.empty((0, TRACK_COLUMNS))

@@ -12,6 +12,8 @@ from isogal.fusion.nominal import Nominal
 from isogal.inertial.error_state import BATCH, Estimate
 from isogal.inertial.rotations import rotate
 
+_BATCH = np.ix_(BATCH, BATCH)
+
 
 @dataclass(slots=True, eq=False)
 class FilterState:
@@ -58,9 +60,17 @@ class FilterState:
 
     def copy(self) -> "FilterState":
         """Return a state that shares nothing with this one."""
-        arrays = (array.copy() for array in self.arrays())
         return FilterState(
-            *arrays, contradicted=self.contradicted.copy(), insisting=self.insisting.copy()
+            self.position.copy(),
+            self.velocity.copy(),
+            self.attitude.copy(),
+            self.accelerometer_bias.copy(),
+            self.gyroscope_bias.copy(),
+            self.auxiliary.copy(),
+            self.covariance.copy(),
+            self.residual_gravity.copy(),
+            contradicted=self.contradicted.copy(),
+            insisting=self.insisting.copy(),
         )
 
     def arrays(self) -> tuple[Array, ...]:
@@ -71,7 +81,7 @@ class FilterState:
     def batch_prior(self) -> Array:
         """(7, 7) covariance of (north m, east m, v_north, v_east m/s, attitude rad): what a batch
         takes as prior."""
-        return self.covariance[BATCH[:, None], BATCH]
+        return self.covariance[_BATCH]
 
     @property
     def nominal(self) -> Nominal:
@@ -93,8 +103,8 @@ class FilterState:
     def turn_rate(self, angular_rate: Array) -> Array:
         """Return the angular rate (3,) relative to the Earth, body axes, rad/s: that of the
         gyroscopes (3,) without their biases and the Earth's rotation."""
-        latitude = self.position[0]
+        latitude = float(self.position[0])
         north, down = EARTH_RATE * math.cos(latitude), -EARTH_RATE * math.sin(latitude)
-        w, x, y, z = self.attitude
+        w, x, y, z = self.attitude.tolist()
         of_earth = np.array(rotate(w, -x, -y, -z, north, 0.0, down))
         return angular_rate - self.gyroscope_bias - of_earth

@@ -84,13 +84,14 @@ class RecorderNode(GraphNode[RecorderSettings]):
 
     def _record(self, topic: Topic) -> None:
         is_clock, by_navigator = topic is topics.CLOCK, topic.name.startswith("nav/")
+        is_inertial = topic in self._inertial
 
         def write(data: bytes) -> None:
             if not self.active or self.finished:
                 return
             if is_clock or hasattr(listening.type, "header"):
                 stamp = peek_ns(data)
-                self._go_on(topic, stamp)
+                self._go_on(is_inertial, stamp)
                 if by_navigator:
                     self._navigated = max(self._navigated, min(stamp, self._now))
             try:
@@ -104,9 +105,9 @@ class RecorderNode(GraphNode[RecorderSettings]):
         listening = self.hear(topic, write, raw=True)
         name = listening.topic_name
 
-    def _go_on(self, topic: Topic, stamp: int) -> None:
-        """Take the stamp (ns) of a message for the time, if that is what it is."""
-        is_inertial = topic in self._inertial
+    def _go_on(self, is_inertial: bool, stamp: int) -> None:
+        """Take the stamp (ns) of a message, which may be one of inertial data, for the time, if
+        that is what it is."""
         self._has_inertial |= is_inertial
         if self._now and (is_inertial or not self._has_inertial):
             try:

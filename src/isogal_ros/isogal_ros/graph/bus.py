@@ -162,7 +162,7 @@ class Bus(Context):
             delivered += 1
             name, data = self._queue.popleft()
             for listening in tuple(self._listening[name]):
-                if listening.node in self._held:
+                if self._held and listening.node in self._held:
                     self._held[listening.node].append((listening, data))
                 else:
                     listening.deliver(data)

@@ -270,11 +270,7 @@ def _start(
     if not both:
         return None
     try:
-        sample = read_nav(
-            deserialize_message(fixes[both[0]], topics.NAV_FIX.type),
-            deserialize_message(odometry[both[0]], topics.NAV_ODOM.type),
-            map_frame(scenario),
-        )
+        sample = read_nav(fixes[both[0]], odometry[both[0]], map_frame(scenario))
     except BadMessageError:
         return None
     before = 0.0 if scenario.ins.gives_solution else 1.0 / scenario.imu.rate

@@ -16,7 +16,7 @@ from isogal_ros.messages.checks import (
     unit_quaternion,
 )
 from isogal_ros.messages.frames import FRD_FLU, MAP, NED_ENU
-from isogal_ros.messages.odometry import read_velocity
+from isogal_ros.messages.odometry import motion_of, read_velocity
 from isogal_ros.messages.position import read_pose
 from isogal_ros.messages.stamps import to_ns
 
@@ -59,7 +59,7 @@ def gps_input(dialect: Any, odometry: Odometry, frame: LocalFrame, satellites: i
     """
     (latitude, longitude, height), covariance, to_ned = read_pose(odometry, frame)
     of_position = to_ned @ covariance[:3, :3] @ to_ned.T
-    velocity, of_velocity, _ = read_velocity(odometry, frame, latitude, longitude)
+    velocity, of_velocity, _ = read_velocity(motion_of(odometry), frame, latitude, longitude)
     return dialect.MAVLink_gps_input_message(
         to_ns(odometry.header.stamp) // 1000,
         0,  # gps_id

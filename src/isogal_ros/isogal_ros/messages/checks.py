@@ -44,10 +44,10 @@ def require_frame(message: Message | str, frame: str, parameter: str = "") -> No
 def require_covariance(covariance: Array) -> None:
     """Raise BadMessageError unless a covariance (N, N) is finite, can be computed with, and has
     variances >= 0."""
-    largest = float(np.abs(covariance).max(initial=0.0))
-    if not math.isfinite(largest):
+    numbers = np.ravel(covariance).tolist()  # of so few Python's functions are quicker
+    if not all(map(math.isfinite, numbers)):
         raise BadMessageError("covariance is not finite")
-    if largest > LARGEST:
+    if max(map(abs, numbers), default=0.0) > LARGEST:
         raise BadMessageError(f"covariance has numbers above {LARGEST:g}")
     if min(covariance.diagonal().tolist(), default=0.0) < 0.0:
         raise BadMessageError("negative variance")

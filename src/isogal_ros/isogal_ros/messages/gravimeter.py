@@ -2,7 +2,6 @@
 
 from functools import partial
 
-import numpy as np
 from geometry_msgs.msg import AccelWithCovarianceStamped
 
 from isogal.scenario import Assumed
@@ -11,7 +10,7 @@ from isogal_ros.messages.adapter import Adapter, Place, Reading
 from isogal_ros.messages.checks import BadMessageError, require_frame, require_reading
 from isogal_ros.messages.frames import framed
 from isogal_ros.messages.position import NOT_MEASURED
-from isogal_ros.messages.prepared import write
+from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
 
 PLATFORM = "gravimeter_link"
@@ -21,8 +20,8 @@ LARGEST_GRAVITY, LARGEST_DISTURBANCE = 20.0, 1.0
 """m/s²; beyond, the unit is another."""
 SMALLEST_GRAVITY = 5.0
 """m/s²; below, the instrument gives nothing, or its axis points down."""
-_UP = 14
-"""Where in a message's covariance the variance along z is."""
+_AXES, _UP = 6, 14
+"""Rows of a message's covariance; where in a message's covariance the variance along z is."""
 _UNITS = {"mGal": 1e-5, "Gal": 1e-2, "um/s2": 1e-6}
 """m/s² in the units that readings may be in by mistake, see `isogal_ros.messages.drivers`."""
 
@@ -57,8 +56,10 @@ def _write(
 ) -> AccelWithCovarianceStamped:
     """Return a message; the horizontal components are not measured."""
     message = framed(topic, PLATFORM)
-    covariance = np.diag([NOT_MEASURED, NOT_MEASURED, variance, *[NOT_MEASURED] * 3])
-    write(message, ns, (0.0, 0.0, float(value)), np.zeros(3), covariance)
+    set_stamp(message.header.stamp, ns)
+    message.accel.accel.linear.z = float(value)
+    message.accel.covariance[:: _AXES + 1] = NOT_MEASURED
+    message.accel.covariance[_UP] = variance
     return message
 
 

@@ -25,7 +25,13 @@ from isogal_ros.messages.aids import fill_twist
 from isogal_ros.messages.aids import read_velocity as read_twist
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
-from isogal_ros.messages.odometry import FASTEST, empty_odometry, fill_odom, read_velocity
+from isogal_ros.messages.odometry import (
+    FASTEST,
+    empty_odometry,
+    fill_odom,
+    motion_of,
+    read_velocity,
+)
 from isogal_ros.messages.position import fill_fix, read_point, read_position
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.topics import Message, Topic
@@ -87,7 +93,7 @@ def read_solution(message: Odometry, frame: LocalFrame) -> Array:
         is not a unit quaternion.
     """
     latitude, longitude, height = read_point(message.pose.pose.position, frame).tolist()
-    velocity, _, attitude = read_velocity(message, frame, latitude, longitude)
+    velocity, _, attitude = read_velocity(motion_of(message), frame, latitude, longitude)
     if abs(height) > HIGHEST:
         raise BadMessageError(f"height of {height:.0f} m: is the pose in the frame 'map'?")
     return np.array([latitude, longitude, height, *velocity, *from_matrix(attitude)])

@@ -1,6 +1,7 @@
 """Navigation states as Odometry messages of the frame ``map`` and the child ``base_link``."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -14,10 +15,10 @@ from isogal_ros.messages.checks import (
     BadMessageError,
     require_covariance,
     require_frame,
-    unit_quaternion,
+    require_unit,
 )
 from isogal_ros.messages.frames import BASE, FRD_FLU, MAP, NED_ENU, framed
-from isogal_ros.messages.prepared import Prepared, write
+from isogal_ros.messages.prepared import Prepared, Reader, write
 from isogal_ros.topics import Topic
 
 FASTEST = 1e6
@@ -125,8 +126,40 @@ def _write_state(
                 _turn(numbers, _POSE + 18 * i + 3 * j, to_map, covariance, 6 * i, 6 * j)
 
 
+class Motion(NamedTuple):
+    """What an Odometry says of the motion; nothing of it has been looked at."""
+
+    frame: str
+    child: str
+    orientation: Array
+    """(4,) w, x, y, z, of the child in the frame."""
+    velocity: Array
+    """(3,) in the child, m/s."""
+    turn_rate: Array
+    """(3,) in the child, rad/s."""
+    covariance: Array
+    """(3, 3) of the velocity."""
+
+
+def motion_of(message: Odometry | bytes) -> Motion:
+    """Return what a message says; of a serialised one rclpy takes ten times as long to make the
+    objects. Raises BadMessageError where that is cut off."""
+    if isinstance(message, bytes):
+        content = Reader(message)
+        content.take("iI")  # the stamp
+        frame, child = content.text(), content.text()
+        numbers = np.array(content.take(f"{_NUMBERS}d"))
+        turn, linear, angular, rest = numbers[3:7], *np.split(numbers[_TWIST - 6 :], (3, 6))
+    else:
+        frame, child, twist = message.header.frame_id, message.child_frame_id, message.twist
+        q, v, w = message.pose.pose.orientation, twist.twist.linear, twist.twist.angular
+        turn, rest = np.array([q.x, q.y, q.z, q.w]), np.asarray(twist.covariance)
+        linear, angular = np.array([v.x, v.y, v.z]), np.array([w.x, w.y, w.z])
+    return Motion(frame, child, turn[[3, 0, 1, 2]], linear, angular, rest.reshape(6, 6)[:3, :3])
+
+
 def read_velocity(
-    message: Odometry, frame: LocalFrame, latitude: float, longitude: float
+    motion: Motion, frame: LocalFrame, latitude: float, longitude: float
 ) -> tuple[Array, Array, Array]:
     """Return (velocity (3,), its covariance (3, 3), attitude (3, 3) FRD to NED) of an Odometry,
     NED at a point.
@@ -144,14 +177,13 @@ def read_velocity(
         The message is of other frames or not finite, its orientation is not a unit quaternion, or
         a variance is negative.
     """
-    require_frame(message, MAP)
-    if message.child_frame_id != BASE:
-        raise BadMessageError(f"child_frame_id must be '{BASE}', is '{message.child_frame_id}'")
-    turn, linear = unit_quaternion(message.pose.pose.orientation), message.twist.twist.linear
-    velocity = np.array([linear.x, linear.y, linear.z])
-    covariance = np.asarray(message.twist.covariance).reshape(6, 6)[:3, :3]
+    require_frame(motion.frame, MAP)
+    if motion.child != BASE:
+        raise BadMessageError(f"child_frame_id must be '{BASE}', is '{motion.child}'")
+    require_unit(motion.orientation, "orientation")
+    velocity, covariance = motion.velocity, motion.covariance
     if not np.isfinite(velocity).all() or np.abs(velocity).max() > FASTEST:
         raise BadMessageError(f"velocity is not finite, or above {FASTEST:g} m/s")
     require_covariance(covariance)
-    to_ned = (frame.rotation_from(latitude, longitude) @ NED_ENU).T @ matrix(turn)
+    to_ned = (frame.rotation_from(latitude, longitude) @ NED_ENU).T @ matrix(motion.orientation)
     return to_ned @ velocity, to_ned @ covariance @ to_ned.T, to_ned * FRD_FLU

@@ -22,6 +22,7 @@ from isogal_ros.topics import Message
 
 _STAMP, _STAMP_AT = struct.Struct("=iI"), 4
 """Behind four bytes that say how the message is represented."""
+_NOTHING = np.empty(0)
 
 
 class Prepared:
@@ -109,7 +110,8 @@ def numbers_of(message: Message | Prepared) -> Array:
 def write(message: Message | Prepared, ns: int, *parts: ArrayLike) -> None:
     """Write a stamp into the header of a message, and all its float64: numbers and arrays in the
     order of its fields, row by row."""
-    numbers = np.concatenate([np.empty(0), *(np.ravel(part) for part in parts)])
+    each = [np.array(part, dtype=float).ravel() for part in parts]
+    numbers = each[0] if len(each) == 1 else np.concatenate([_NOTHING, *each])
     if isinstance(message, Prepared):
         message.write(ns, numbers)
         return

@@ -24,8 +24,8 @@ def peek_numbers_ns(serialised: bytes) -> int:
         It is cut off, has a layout, or its stamp is not finite.
     """
     content = Reader(serialised)
-    layout, _, _ = content.take("3I")  # lengths of dim, data_offset, and of the data
-    seconds, rest = content.take("2d")
+    # lengths of dim, data_offset, and of the data, which begins at a multiple of eight bytes
+    layout, _, _, seconds, rest = content.take("3I4x2d")
     if layout or not (abs(seconds) < 1e10 and 0 <= rest < SECOND):
         raise BadMessageError("begins with a layout, or with no stamp")
     return int(seconds) * SECOND + int(rest)

@@ -103,8 +103,9 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
     ) -> None:
         self.active = self.configured = False
         """Whether messages are dealt with, and whether there is what deals with them."""
-        self.finished = False
-        """Whether the node has nothing left to do, so that its process may end."""
+        self._finished = False
+        self.told: Callable[[], None] = lambda: None
+        """Called when the node has finished."""
         self._failed: BaseException | None = None
         self._before: dict[str, set[Entity]] = {}
         overrides = [Parameter(key, value=value) for key, value in (values or {}).items()]
@@ -191,6 +192,17 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         look = partial(static_transforms, self.context, self.settings.tf_timeout)
         self._entrance = placed(entrance, look)
         self.scenario = mounted(self.scenario, self._entrance.drivers)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the node has nothing left to do, so that its process may end."""
+        return self._finished
+
+    @finished.setter
+    def finished(self, is_so: bool) -> None:
+        self._finished = is_so
+        if is_so:
+            self.told()
 
     @classmethod
     def specs(cls) -> list[ParameterSpec]:

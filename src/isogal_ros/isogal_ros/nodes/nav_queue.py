@@ -7,9 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
-from nav_msgs.msg import Odometry
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import NavSatFix, NavSatStatus
+from sensor_msgs.msg import NavSatStatus
 
 from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
@@ -23,8 +21,9 @@ from isogal.sensors.reduction import Reduction, State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import FRD_FLU, map_frame
-from isogal_ros.messages.odometry import read_velocity
+from isogal_ros.messages.odometry import motion_of, read_velocity
 from isogal_ros.messages.position import read_covariance, read_position
+from isogal_ros.messages.prepared import decoded
 from isogal_ros.messages.stamped_numbers import peek_numbers_ns, read_nav_covariance
 from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
@@ -71,23 +70,23 @@ class NavSample:
         return float(reduction_variance(reduction, self.sensor, covariance, self.height_variance))
 
 
-def read_nav(fix: NavSatFix, odom: Odometry, frame: LocalFrame) -> NavSample:
-    """Return the state that messages on nav/fix and nav/odom say, in the frame ``map``; raises
-    BadMessageError where one cannot be used."""
-    position = read_position(fix)
-    velocity, of_velocity, attitude = read_velocity(odom, frame, *position[:2])
-    of_position, angular = read_covariance(fix), odom.twist.twist.angular
+def read_nav(fix: bytes, odom: bytes, frame: LocalFrame) -> NavSample:
+    """Return the state that serialised messages on nav/fix and nav/odom say, in the frame ``map``;
+    raises BadMessageError where one cannot be used."""
+    where, motion = decoded(fix, topics.NAV_FIX.type), motion_of(odom)
+    position, of_position = read_position(where), read_covariance(where)
+    velocity, of_velocity, attitude = read_velocity(motion, frame, *position[:2])
     covariance = np.zeros((4, 4))
     covariance[:2, :2], covariance[2:, 2:] = of_position[:2, :2], of_velocity[:2, :2]
     return NavSample(
-        to_ns(fix.header.stamp),
+        to_ns(where.header.stamp),
         np.array(position),
         velocity,
         attitude,
         covariance,
         float(of_position[2, 2]),
-        turn=FRD_FLU * np.array([angular.x, angular.y, angular.z]),
-        aligned=fix.status.status != NavSatStatus.STATUS_NO_FIX,
+        turn=FRD_FLU * motion.turn_rate,
+        aligned=where.status.status != NavSatStatus.STATUS_NO_FIX,
     )
 
 
@@ -343,14 +342,12 @@ class NavQueue(Generic[Item]):
             self.changes.append(Jump(ns, change))
 
     def _state(self, stamp: _Stamp, index: int) -> NavSample:
-        fix = deserialize_message(stamp.fix[index], topics.NAV_FIX.type)
-        odom = deserialize_message(stamp.odom[index], topics.NAV_ODOM.type)
-        return read_nav(fix, odom, self._frame)
+        return read_nav(stamp.fix[index], stamp.odom[index], self._frame)
 
     def _decode(self, stamp: _Stamp) -> NavSample:
         sample = self._state(stamp, 0)
         if stamp.covariance is None:
             return sample
-        message = deserialize_message(stamp.covariance, topics.NAV_COVARIANCE.type)
+        message = decoded(stamp.covariance, topics.NAV_COVARIANCE.type)
         covariance, since = read_nav_covariance(message)
         return replace(sample, covariance=covariance, since=since)

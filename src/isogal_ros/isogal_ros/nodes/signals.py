@@ -5,7 +5,7 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -41,6 +41,8 @@ class Interrupt:
         self.count = 0
         self.ends_at_once = False
         """Whether a signal raises KeyboardInterrupt, too."""
+        self.told: Callable[[], None] = lambda: None
+        """Called when one comes."""
 
     def __bool__(self) -> bool:
         return self.count > 0
@@ -48,6 +50,7 @@ class Interrupt:
     def __call__(self, _number: int, _frame: FrameType | None = None) -> None:
         """Handle a signal."""
         self.count += 1
+        self.told()
         if self.ends_at_once:
             # where compiled code is interrupted, Python would print what it cannot raise
             sys.unraisablehook = lambda _: None

@@ -42,13 +42,59 @@ def make_executor(context: Context | None = None) -> Executor:
     rclpy has none.
 
     The events executor's ``spin()`` neither dispatches nor ends on SIGINT in some builds;
-    ``spin_once`` in a loop does both. It holds what its nodes have until it is shut down: of nodes
+    `Spinning` does both. It holds what its nodes have until it is shut down: of nodes
     that are destroyed before, others see the publishers for as long as the executor is there."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
         return SingleThreadedExecutor(context=context)
     return EventsExecutor(context=context)
+
+
+class Spinning:
+    """Spins an executor until it is told to stop: `spin_once` comes back to Python after each
+    message, which takes as long as all else of rclpy's part in taking it.
+
+    To the executor it is the future that it waits for: one of rclpy has a lock, at which a signal
+    handler would wait for what it has interrupted.
+
+    Parameters
+    ----------
+    executor : Executor
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor, self._is_done = executor, False
+        self._end: Callable[[object], None] = _nothing
+
+    def done(self) -> bool:
+        """Whether it was told to stop."""
+        return self._is_done
+
+    def add_done_callback(self, end: Callable[[object], None]) -> None:
+        """Take what ends the call of `spin` that begins."""
+        self._end = end
+        if self._is_done:
+            end(self)
+
+    def remove_done_callback(self, _end: Callable[[object], None]) -> None:
+        """Do nothing: `spin` forgets it."""
+
+    def stop(self) -> None:
+        """Let `spin` return."""
+        self._is_done = True
+        self._end(self)
+
+    def spin(self, seconds: float) -> None:
+        """Deal with what comes; return when told to, or once nothing waits after some time."""
+        try:
+            self._executor.spin_until_future_complete(self, timeout_sec=seconds)
+        finally:
+            self._end = _nothing
+
+
+def _nothing(_spinning: object) -> None:
+    pass
 
 
 def drain(node: GraphNode, executor: Executor, quiet: float = 0.3, limit: float = DRAIN) -> None:
@@ -150,9 +196,11 @@ def _run(name: str, make: Callable[[], GraphNode], interrupt: Interrupt) -> int:
         return INTERRUPTED
     executor = make_executor()
     executor.add_node(node)
+    spinning = Spinning(executor)
+    node.told, interrupt.told = spinning.stop, spinning.stop
     with suppress(ExternalShutdownException):
         while not (interrupt or node.finished) and rclpy.ok():
-            executor.spin_once(timeout_sec=0.2)
+            spinning.spin(0.2)
     # the signal to end is followed by a harder one: half of the time for what is under way, half
     # for what was published
     patience = node.settings.closing_time
