@@ -77,7 +77,7 @@ def read_ins_file(path: str | Path, height: float) -> InsFile:
     columns = rows.read(_COLUMNS, REQUIRED)
     _check(columns, rows)
     time, count = columns["time"], len(columns["time"])
-    unit = rows.units.get("value")
+    unit = rows.in_one_unit(columns, _COLUMNS, ("value", "sigma"))
     places = np.column_stack(
         [
             np.radians(columns["latitude"]),
