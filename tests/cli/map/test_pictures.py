@@ -9,7 +9,7 @@ import pytest
 import rasterio
 
 from helpers.batches import field_map_of, wavy
-from helpers.command_line import answer
+from helpers.command_line import answer, refusal
 from isogal.cli.map.figures import map_figure
 from isogal.evaluation.figures.style import png
 from isogal.maps import tiled_map
@@ -80,6 +80,8 @@ def test_the_scenario_counts_as_in_a_run(file):
     assert worst("route.height=1500") > 1.1 * exact
     as_it_is = worst("route.height=1500", "map.continuation=none")
     assert as_it_is == pytest.approx(exact, rel=0.01)
+    message = refusal("map", "info", file, *ROUTE, "--set", "route.height=4000")
+    assert message.endswith("; --set map.continuation=none takes it as it is\n")
     assert "at route.height 100 m" in " ".join(answer("map", "info", file, *ROUTE).split())
 
 

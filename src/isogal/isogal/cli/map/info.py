@@ -110,7 +110,11 @@ def info(
         track = route.readings_on(field_map)
         around = route.around(where.margin)
         flown = map_.flown_along(field_map, route.settings, around, route.measured)
-        stretches = assumed.stretches(flown, route, route.readings_on(flown))
+        try:
+            track = route.readings_on(flown)
+        except InputError as error:
+            raise InputError(f"{error}; --set map.continuation=none takes it as it is") from None
+        stretches = assumed.stretches(flown, route, track)
         height = None if flown is field_map else route.settings.route.height
         along = describe_route(flown, track, stretches, height)
     if figure is not None:
