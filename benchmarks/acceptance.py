@@ -181,7 +181,12 @@ def arguments(given: Sequence[str] | None) -> argparse.Namespace:
     add = parser.add_argument
     add("--quick", action="store_true", help="fewer rows and runs: ten minutes")
     add("--rows", nargs="+", metavar="TEXT", help="rows in whose name the pattern is found")
-    add("--data", type=Path, default=ROOT.parent / "shared" / "data", help="folder of the data")
+    add(
+        "--data",
+        type=closed_loop.folder,
+        default=ROOT.parent / "shared" / "data",
+        help="folder of the data",
+    )
     add("--matcher", metavar="NAME", help="another one than the default")
     add("--seed", type=int, default=7001)
     add("--runs", type=int, help="of each row")

@@ -15,15 +15,18 @@ import hashlib
 import json
 import re
 import subprocess
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from types import TracebackType
 
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.judgement import SETTLED_AFTER
@@ -43,8 +46,27 @@ Figures = dict[str, float]
 Bound = Callable[[Scenario, Runs], Array]
 """Returns (K,) m, the RMS bound at the times of a record."""
 
+
+def folder(name: str) -> Path:
+    """Return a folder that is there: the type of an option."""
+    if not Path(name).is_dir():
+        raise argparse.ArgumentTypeError(f"{name}: no such folder")
+    return Path(name)
+
+
+def _one_line(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    """Print what is wrong with an input without a traceback."""
+    if isinstance(error, InputError | FileNotFoundError):
+        print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
+    else:
+        sys.__excepthook__(kind, error, trace)
+
+
+sys.excepthook = _one_line
 _OPTIONS = {
-    "--data": {"type": Path, "required": True, "help": "folder of the data"},
+    "--data": {"type": folder, "required": True, "help": "folder of the data"},
     "--out": {"type": Path, "required": True, "help": "folder of the results"},
     "--page": {"type": Path, "help": "page whose table is replaced"},
     "--figure": {"type": Path, "help": "PNG file to write"},

@@ -14,6 +14,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import closed_loop  # first: it asks NumPy for one thread
 import numpy as np
 
 from isogal.earth.frames import horizontal_difference
@@ -137,7 +138,7 @@ def figures(rows: np.ndarray) -> str:
 def main() -> None:
     """Print a row of a table for each drive: by dead reckoning, with the map, and by particles."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=closed_loop.folder)
     parser.add_argument("--only", default="", help="part of the name of a drive")
     parser.add_argument(
         "--variants", nargs="+", default=["as logged"], choices=[*DRIVES, *EVENTS], metavar="NAME"
@@ -150,7 +151,10 @@ def main() -> None:
     arguments = parser.parse_args()
     scenario = changed_scenario(load_scenario(EXAMPLE / "car.yaml"), arguments.set, "--set")
     known = arguments.satellites
-    for path in sorted(arguments.folder.glob("drive_*.nc")):
+    drives = sorted(arguments.folder.glob("drive_*.nc"))
+    if not drives:
+        parser.error(f"{arguments.folder}: holds no drive_NAME.nc")
+    for path in drives:
         name = path.stem.removeprefix("drive_")
         if arguments.only not in name:
             continue

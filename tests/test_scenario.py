@@ -106,6 +106,7 @@ def test_waypoints_take_the_place_of_both_ends():
             "field: unknown field 'magnetik' (did you mean 'magnetic'?); allowed: disturbance, ",
         ),
         ("matcher.stride=31", "matcher: stride (31) must not exceed batch_length (30)"),
+        ("initial_error.position=1e9", "initial_error.position: must be at most 1e+06"),
         ("route.start=[95, 0]", "route.start.0: must be at most 89.9, not 95"),
         ("route.start=null", "route: give start and end, or waypoints"),
         ("route.end=[-38.0, 144.5]", "route: start and end must differ"),

@@ -7,11 +7,13 @@ goes on, in place of that of the wheels. `isogal replay BAG --scenario car.yaml`
 
 import argparse
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
 from phone_log import Drive, ground_pressure, position_at, read_drive, velocity_at
 
+from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.bags.writer import BagWriter
 from isogal_ros.messages.frames import ANTENNA, BASE, NED_ENU, framed
@@ -92,8 +94,11 @@ def main() -> None:
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--satellites", type=float, default=300.0, metavar="S")
     arguments = parser.parse_args()
-    drive = read_drive(arguments.log, arguments.satellites)
-    count = write_bag(drive, arguments.bag, arguments.satellites)
+    try:
+        drive = read_drive(arguments.log, arguments.satellites)
+        count = write_bag(drive, arguments.bag, arguments.satellites)
+    except InputError as error:
+        sys.exit(f"phone_bag.py: {error}")
     print(f"{arguments.bag}: {count} messages, {drive.time[-1]:.0f} s")
 
 

@@ -14,10 +14,26 @@ import netCDF4
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
+from isogal.errors import InputError
+from isogal.files import reading
 from isogal.sensors.scans import Thinning
 
 Array = np.ndarray
 GRAVITY = 9.80665
+SENSED = [f"{name}_{axis}" for name in ("acc", "gyro", "grav") for axis in "xyz"]
+OTHERS = ("time", "pressure", "latitude", "longitude", "altitude", "speed", "bearing")
+"""Columns of a log."""
+UNITS = {
+    "acc": {"m/s2": 1.0, "m s-2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "g": GRAVITY},
+    "gyro": {"rad/s": 1.0, "rad s-1": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0},
+}
+UNITS["grav"] = UNITS["acc"]
+"""That the log may name; without one it is the first."""
+WEIGHT = 3.0
+"""m/s² by which the weight of a telephone that lies in a car, in the median, may differ from that
+of rest."""
+TURNS = 95.0
+"""% of the seconds in which a car has less than 1 g across: 1.6 m/s² at most in four drives."""
 STANDS, HANDLED, NEAR = 0.5, 0.1, 15
 """m/s, rad/s about level axes, s: where the wheels stand, what tilts faster, and faster than it
 turns, is the telephone in somebody's hand, then and so long before and after. Of a car on its
@@ -114,11 +130,15 @@ def velocity_at(drive: Drive, k: int) -> tuple[Array, Array]:
 def read_log(path: Path) -> dict[str, Array]:
     """Return the columns of a log, (N,) each; NaN = none. `time` is in s since the first row,
     `start` (1,) the time of that since 1970."""
-    with netCDF4.Dataset(path) as file:
+    with reading(path, "NetCDF"), netCDF4.Dataset(path) as file:
+        if missing := [name for name in (*SENSED, *OTHERS) if name not in file.variables]:
+            raise InputError(f"{path}: has no {', '.join(missing)}")
         columns = {
             name: np.ma.filled(variable[:].astype(float), np.nan)
             for name, variable in file.variables.items()
         }
+        for name in SENSED:
+            columns[name] *= factor_of(getattr(file[name], "units", None), name)
         clock = file["time"]
         begin = netCDF4.num2date(clock[0], clock.units, clock.calendar)
     columns["time"] = columns["time"] - columns["time"][0]
@@ -126,15 +146,39 @@ def read_log(path: Path) -> dict[str, Array]:
     return columns
 
 
+def factor_of(unit: str | None, name: str) -> float:
+    """Return the number of SI units in the unit of a column of `SENSED`."""
+    known = UNITS[name.rpartition("_")[0]]
+    if unit is not None and unit not in known:
+        raise InputError(f"{name}: unknown unit '{unit}'; must be one of {', '.join(known)}")
+    return 1.0 if unit is None else known[unit]
+
+
+def check_units(force: Array, drive: "Drive") -> None:
+    """Refuse what no telephone in a car senses: force (N, 3) of another size than its weight, or
+    turns that no car takes at its speed."""
+    weight = float(np.median(np.linalg.norm(force, axis=1)))
+    if abs(weight - GRAVITY) > WEIGHT:
+        raise InputError(
+            f"acc_x, acc_y, acc_z: are {weight:.3g} in the median, and must be 9.8 m/s², with the"
+            " weight; for other units set their attribute units, such as 'g'"
+        )
+    across = np.abs(drive.rate[:, 2] * np.nan_to_num(drive.speed))[drive.speed > LEAST_SPEED]
+    if len(across) and np.percentile(across, TURNS) > GRAVITY:
+        raise InputError(
+            "gyro_x, gyro_y, gyro_z: turn faster than a car at its speed, and must be in rad/s;"
+            " for other units set their attribute units, such as 'deg/s'"
+        )
+
+
 def drive_of(log: dict[str, Array], known: float = 300.0) -> Drive:
     """Return the drive of a log's columns; rows without inertial readings are left out. Of the
     satellites' speed only what is before `known` (s) tells which way is forward."""
-    sensed = [f"{name}_{axis}" for name in ("acc", "gyro", "grav") for axis in "xyz"]
-    there = np.isfinite([log[name] for name in sensed]).all(axis=0)
+    there = np.isfinite([log[name] for name in SENSED]).all(axis=0)
     columns = {name: column[there] for name, column in log.items() if name != "start"}
     time = columns["time"]
     force, rate, up = (
-        np.stack([columns[name] for name in sensed], axis=1).reshape(-1, 3, 3).swapaxes(0, 1)
+        np.stack([columns[name] for name in SENSED], axis=1).reshape(-1, 3, 3).swapaxes(0, 1)
     )
     speed = np.where(columns["speed"] < 0.0, np.nan, columns["speed"])
     level, turn, tilting = _levelled(force, rate, up)
@@ -143,7 +187,7 @@ def drive_of(log: dict[str, Array], known: float = 300.0) -> Drive:
     down = _means(-np.einsum("ni,ni->n", force, _unit(up)))
     specific = np.column_stack([turned, down])
     rates = np.column_stack([np.zeros((len(turn), 2)), turn])
-    return Drive(
+    drive = Drive(
         time,
         float(log["start"][0]),
         specific,
@@ -159,11 +203,17 @@ def drive_of(log: dict[str, Array], known: float = 300.0) -> Drive:
         np.where(columns["horizontalAccuracy"] > 0.0, columns["horizontalAccuracy"], np.nan),
         np.where(columns["speedAccuracy"] > 0.0, columns["speedAccuracy"], np.nan),
     )
+    check_units(force, drive)
+    return drive
 
 
 def read_drive(path: Path, known: float = 300.0) -> Drive:
     """Return the drive of a log (`read_log`, `drive_of`)."""
-    return drive_of(read_log(path), known)
+    log = read_log(path)
+    try:
+        return drive_of(log, known)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _unit(vectors: Array) -> Array:

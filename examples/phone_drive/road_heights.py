@@ -8,6 +8,7 @@ road is smoother than the terrain at the nodes, and may be off it by more where 
 between neighbouring nodes."""
 
 import argparse
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import gaussian_filter, uniform_filter
 
+from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
@@ -53,7 +55,10 @@ def main() -> None:
     parser.add_argument("terrain", type=Path, metavar="TERRAIN")
     parser.add_argument("roads", type=Path, metavar="ROADS")
     arguments = parser.parse_args()
-    write_netcdf(with_sigma(load_map(arguments.terrain, "height")), arguments.roads)
+    try:
+        write_netcdf(with_sigma(load_map(arguments.terrain, "height")), arguments.roads)
+    except InputError as error:
+        sys.exit(f"road_heights.py: {error}")
 
 
 if __name__ == "__main__":

@@ -66,3 +66,27 @@ def test_an_output_that_cannot_be_written_is_refused_first(
     status, out, err = call(*command.split(), *ALMOST.get(command, ()), *words)
     assert (status, out, err) == (2, "", f"isogal: {taken}: {why}\n")
     assert [path.name for path in tmp_path.iterdir()] == [taken]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "map convert x.nc LINK.nc",
+        "map grid x.nc ./x.nc",
+        "map continue x.nc x.nc --height 9",
+        "match --map no.nc --track x.csv --out x.csv",
+        "match --map no.nc --track no.csv --also map=x.csv,column=a --out x.csv",
+        "mag compensate x.csv --out x.csv --online",
+        "plan --map no.nc --from 0,0 --to 1,1 --scenario x.yaml --out x.yaml",
+    ],
+)
+def test_what_is_read_is_not_written_over(tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    for name in ("x.nc", "x.csv", "x.yaml"):
+        Path(name).write_text("kept")
+    Path("LINK.nc").symlink_to("x.nc")
+    status, out, err = call(*words.split())
+    assert (status, out) == (2, "")
+    assert "is read by this command; give what is written another name\n" in err
+    assert err.count("\n") == 1
+    assert {path.read_text() for path in tmp_path.iterdir()} == {"kept"}

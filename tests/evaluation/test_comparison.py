@@ -48,6 +48,8 @@ def test_names_tell_runs_of_the_same_folder_name_apart(tmp_path):
 
 def test_what_cannot_be_compared(studies, tmp_path):
     assert "two or more" in refusal("compare", studies[0], studies[0] / "results.json")
+    words = "compare", *studies, "--out", studies[0]
+    assert "is one of those compared, whose report would be lost" in refusal(*words)
     assert "no results.json" in refusal("compare", studies[0], tmp_path)
     other = tmp_path / "other.json"
     for text, said in (("{", "not JSON"), ("[]", "a JSON object"), ("{}", "not the results")):

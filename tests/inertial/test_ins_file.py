@@ -105,3 +105,33 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path, names, rows, words) -> None
         read_ins_file(path, 0.0)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+
+
+def voyage(tmp_path, speed=1.0, angle=1.0, east=1.0):
+    """Write a voyage of 10 m/s round a bend, with velocity and heading in other units."""
+    heading = np.radians(np.linspace(20.0, 200.0, 100))
+    velocity = 10.0 * np.column_stack([np.cos(heading), np.sin(heading)])
+    moved = np.cumsum(velocity, axis=0) / 111e3
+    rows = [
+        (k, 0.01 + n, 20.0 + e, speed * v, east * speed * w, 0.0, 0.0, angle * h)
+        for k, ((n, e), (v, w), h) in enumerate(
+            zip(moved, velocity, np.degrees(heading), strict=True)
+        )
+    ]
+    names = ["time", "latitude", "longitude", "vn", "ve", "roll", "pitch", "heading"]
+    return write(tmp_path / "ins.csv", names, rows)
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        ({"speed": 3600.0 / 1852.0}, "1.94 times as large.*velocity_north.kn"),
+        ({"speed": 3.6}, "3.6 times as large"),
+        ({"east": -1.0}, "or of another direction"),
+        ({"angle": np.pi / 180.0}, "write heading.rad"),
+    ],
+)
+def test_another_unit_that_is_not_said_is_noticed(tmp_path, other, words) -> None:
+    read_ins_file(voyage(tmp_path), 0.0)
+    with pytest.raises(InputError, match=words):
+        read_ins_file(voyage(tmp_path, **other), 0.0)

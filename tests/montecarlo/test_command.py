@@ -37,6 +37,12 @@ def finished(arguments, tmp_path_factory):
     return out
 
 
+def test_more_runs_than_records_have_numbers_are_refused(arguments, tmp_path):
+    said = refusal(*arguments, "--runs", 10**11, "--out", tmp_path / "out")
+    assert "--runs" in said
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_it_writes(finished):
     document = json.loads((finished / "results.json").read_text())
     assert list(document) == KEYS

@@ -35,6 +35,32 @@ def test_round_trip(tmp_path):
     assert found.factor == 10.0
 
 
+def test_units_of_the_header_count(tmp_path):
+    text = "latitude[rad],longitude [degrees_east],value[mGal],sigma[µGal],offset\n"
+    found = one_track(file_of(tmp_path, text + "0.5,2,3,100,7\n0.5,3,4,200,8\n"))
+    np.testing.assert_allclose(found.latitude, 0.5)
+    np.testing.assert_allclose(np.degrees(found.longitude), [2, 3])
+    assert found.unit == "mGal"
+    np.testing.assert_allclose([*found.value, *found.sigma, *found.offset], [3, 4, 0.1, 0.2, 7, 8])
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        (
+            "latitude[gon],longitude,value",
+            r"latitude: unknown unit 'gon'; must be one of deg, rad",
+        ),
+        ("latitude,longitude,value[mGal],sigma[m]", "sigma: 'm' does not go with 'mGal' of value"),
+        ("latitude,longitude,value[mGal],sigma[x]", "sigma: unknown unit 'x'; known: m/s²"),
+    ],
+)
+def test_a_unit_that_is_not_known_is_refused(tmp_path, header, message):
+    rows = "1,2,3,4\n1,3,4,5\n" if "sigma" in header else "1,2,3\n1,3,4\n"
+    with pytest.raises(InputError, match=message):
+        one_track(file_of(tmp_path, f"{header}\n{rows}"))
+
+
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_separators_comments_order_and_other_columns(tmp_path, separator):
     rows = "Time,note,LATITUDE,longitude,value\n0,a,1,2,3\n\n# more\n1,b,1,2,4\n2,,1.5,2e0,-5\n"

@@ -9,7 +9,7 @@ import pytest
 import rasterio
 
 from helpers.batches import field_map_of, wavy
-from helpers.command_line import answer
+from helpers.command_line import answer, refusal
 from isogal.cli.map.figures import map_figure
 from isogal.evaluation.figures.style import png
 from isogal.maps import tiled_map
@@ -64,6 +64,27 @@ def test_the_options_of_the_errors_count(file):
     assert found[1] != found[2]
 
 
+def test_the_scenario_counts_as_in_a_run(file):
+    """Its map error, the instrument's true noise, and the height of the flight."""
+
+    def worst(*changes):
+        words = [word for change in changes for word in ("--set", change)]
+        route = described(file, "--route", "-36.7,144.9 -36.4,145.2", *words)["route"]
+        return route["stretches"][0]["sigma_worst"]
+
+    exact = worst("map_error.sigma=0")
+    wrong = worst("map_error.sigma=1e-4")
+    assert wrong > 1.1 * exact
+    assert worst("map_error.sigma=1e-4", "map_error.correlation_length=500") != wrong
+    assert worst("truth.gravimeter.sigma=3x") == pytest.approx(3.0 * exact, rel=1e-3)
+    assert worst("route.height=1500") > 1.1 * exact
+    as_it_is = worst("route.height=1500", "map.continuation=none")
+    assert as_it_is == pytest.approx(exact, rel=0.01)
+    message = refusal("map", "info", file, *ROUTE, "--set", "route.height=4000")
+    assert message.endswith("; --set map.continuation=none takes it as it is\n")
+    assert "at route.height 100 m" in " ".join(answer("map", "info", file, *ROUTE).split())
+
+
 def test_the_synthetic_map_is_shown_along_a_route():
     found = described("synthetic", "--route", "-37.1,145.1 -37.05,145.2", "--margin", 5)
     assert found["quantity"] == "gravity"
@@ -71,7 +92,7 @@ def test_the_synthetic_map_is_shown_along_a_route():
 
 
 def test_a_large_map_is_described_in_tiles(file, tmp_path, monkeypatch):
-    route = (*ROUTE, "--margin", 10)
+    route = (*ROUTE, "--margin", 10, "--set", "route.height=0")
     whole = described(file, *route)
     monkeypatch.setattr(tiled_map, "WHOLE_CELLS", 100)
     monkeypatch.setattr(tiled_map, "TILE_CELLS", 8)

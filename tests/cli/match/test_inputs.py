@@ -34,7 +34,8 @@ def consistent(fixes, latitude, longitude, most=LIMIT):
 
 
 def test_sigmas_are_in_the_unit_of_the_track(files, tmp_path):
-    """Readings in mGal against a map in mGal, and against one in m/s² with --track-unit mGal."""
+    """Readings in mGal against a map in mGal, and against one in m/s² with --track-unit mGal or a
+    header that says so."""
     map_file, track_file, sigma, *_ = files["disturbance"]
     field_map = field_of("disturbance")
     track = astray(field_map, sigma)[0]
@@ -52,8 +53,12 @@ def test_sigmas_are_in_the_unit_of_the_track(files, tmp_path):
             answer("match", "--map", map_, "--track", recorded, *words, "--json", *options)
         )
 
+    said = tmp_path / "said.csv"
+    said.write_text(milligal.read_text().replace(",value", ",value[mGal]"))
+    assert "[mGal]" in said.read_text()
     expected = fixes(map_file, track_file, 1e-5)
     for found in (
+        fixes(map_file, said, 1.0),
         fixes(in_milligal, milligal, 1.0),
         fixes(map_file, milligal, 1.0, "--track-unit", "mGal"),
     ):

@@ -38,6 +38,18 @@ def test_csv_with_a_unit_in_its_header(tmp_path):
     np.testing.assert_array_equal(survey.line, np.arange(N) // 10)
 
 
+def test_units_of_all_columns_count(tmp_path):
+    header = "lat[rad],lon(degrees_east),altitude[ft],dg[mGal],sigma[µGal]"
+    columns = np.radians(LAT), LON, 100.0 + VALUE, VALUE, 50.0 + 0.0 * VALUE
+    survey = read_survey(written(tmp_path / "a.csv", header, rows(*columns)))
+    np.testing.assert_allclose(np.degrees(survey.latitude), LAT, atol=1e-5)
+    np.testing.assert_allclose(survey.height, 0.3048 * (100.0 + VALUE), atol=1e-6)
+    np.testing.assert_allclose(survey.sigma, 5e-7)
+    path = written(tmp_path / "b.csv", header.replace("[ft]", "[fathom]"), rows(*columns))
+    with refusal("altitude: unknown unit 'fathom'; must be one of m, km, cm, mm, ft"):
+        read_survey(path)
+
+
 def test_geosoft_lines_comments_and_missing_numbers(tmp_path):
     text = ["/ made by hand", "/ lon lat alt mag"]
     for k in range(N):

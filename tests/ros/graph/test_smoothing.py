@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -48,6 +49,14 @@ def test_fewer_rows(recording, tmp_path) -> None:
     with (tmp_path / "smoothed.csv").open(encoding="utf-8") as stream:
         times = [float(row["time"]) for row in csv.DictReader(stream)]
     assert times == [1.0, 61.0, 121.0, 181.0, 241.0, 301.0, 360.0]
+
+
+def test_a_recording_is_not_written_over(recording, tmp_path) -> None:
+    """`isogal smooth out/demo --out out/demo` would."""
+    shutil.copytree(recording, tmp_path / "bag")
+    before = sorted((path.name, path.stat().st_size) for path in (tmp_path / "bag").iterdir())
+    assert "holds a recording" in refusal("smooth", str(tmp_path), "--out", str(tmp_path))
+    assert before == sorted((one.name, one.stat().st_size) for one in (tmp_path / "bag").iterdir())
 
 
 def test_what_cannot_be_smoothed(tmp_path) -> None:

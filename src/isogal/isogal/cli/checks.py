@@ -3,7 +3,7 @@ admits infinity and the limit itself, and of files and folders to be written, so
 after a long computation that its result has no place."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import typer
@@ -12,6 +12,8 @@ from isogal.errors import InputError
 from isogal.files import check_output
 
 Files = Path | list[Path] | None
+OUTPUT = "output"
+"""Attribute of a check: what the option names is written."""
 NETCDF = (".nc", ".nc4")
 """Suffixes of NetCDF files."""
 
@@ -46,7 +48,19 @@ def output_file(*suffixes: str) -> Callable[..., Files]:
                 check_output(path)
         return value
 
+    vars(check)[OUTPUT] = True
     return check
+
+
+def not_read_too(written: Iterable[Path], read: Iterable[str]) -> None:
+    """Raise InputError where a file is to be written that is also read: it would be lost."""
+    there = [path for path in written if path.is_file()]
+    for word in read:
+        for path in there:
+            if Path(word).is_file() and path.samefile(word):
+                raise InputError(
+                    f"{path}: is read by this command; give what is written another name"
+                )
 
 
 def output_folder(value: Path | None) -> Path | None:

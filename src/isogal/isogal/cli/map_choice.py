@@ -11,6 +11,7 @@ from isogal.cli.progress import Bars
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
+    from isogal.fields.source_map import GivenMap
     from isogal.maps.axes import Window
     from isogal.maps.corridor import Corridor
     from isogal.maps.field_map import FieldMap
@@ -104,14 +105,25 @@ class MapChoice(SourceOptions):
     def load_flown(self, settings: "Settings", window: "Window", measured: str) -> "FieldMap":
         """Read a window of the map at the height of the flight (`isogal.fields.source_map`), as
         the runs of a scenario with this map have it; see `load`."""
+        source = self._given(settings, measured)
+        return source.flown(settings.route.height, window)
+
+    def flown_along(
+        self, field_map: "ScalarMap", settings: "Settings", corridor: "Corridor", measured: str
+    ) -> "ScalarMap":
+        """Return the map along a route, which has been read, at the height of the flight; see
+        `load_flown`."""
+        source = self._given(settings, measured)
+        return source.flown_along(settings.route.height, field_map, corridor)
+
+    def _given(self, settings: "Settings", measured: str) -> "GivenMap":
         from isogal.fields.source_map import GivenMap
 
         named = {"source": self.source, "path": None, "variable": self.variable}
         if self.format_name is not None:
             named |= {"source": self.format_name, "path": self.source}
         read = partial(self.load, measured=measured)
-        source = GivenMap(settings.map.model_copy(update=named), None, read=read)
-        return source.flown(settings.route.height, window)
+        return GivenMap(settings.map.model_copy(update=named), None, read=read)
 
     def load_part(
         self, part: "Window | Corridor | None", measured: str = "gravity"

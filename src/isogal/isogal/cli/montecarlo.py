@@ -10,7 +10,7 @@ import typer
 
 from isogal.cli.errors import INTERRUPTED, fail, note
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import ScenarioChoice, StudyResults, Workers, flag, number, text
+from isogal.cli.options import MOST_RUNS, ScenarioChoice, StudyResults, Workers, flag, number, text
 from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @with_groups
 def montecarlo(
     results: StudyResults,
-    runs: Annotated[int, number("How many runs.", "N", least=1)],
+    runs: Annotated[int, number("How many runs.", "N", least=1, most=MOST_RUNS)],
     chosen: ScenarioChoice,
     workers: Workers,
     matcher: Annotated[

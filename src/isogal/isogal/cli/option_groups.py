@@ -7,13 +7,17 @@ that is the heading of its options in the help."""
 
 import functools
 import inspect
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import MISSING, fields, is_dataclass
+from pathlib import Path
 from typing import Annotated, TypeVar, get_args, get_type_hints
 
 import typer
 from typer.main import get_command
+
+from isogal.cli.checks import OUTPUT, not_read_too
 
 Value = TypeVar("Value")
 """Of an option: whatever typer makes of its annotation."""
@@ -40,6 +44,11 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def wrapper(**values: Value) -> None:
+        written = {name: values[name] for name in _written(parameters)}
+        read = [
+            word for name, value in values.items() if name not in written for word in _words(value)
+        ]
+        not_read_too([Path(word) for value in written.values() for word in _words(value)], read)
         of_groups = {
             name: group(**{field.name: values.pop(field.name) for field in fields(group)})
             for name, group in groups.items()
@@ -61,6 +70,22 @@ def run_with_groups(command: Callable[..., None], words: Sequence[str]) -> None:
     app = typer.Typer(add_completion=False)
     app.command()(with_groups(command))
     get_command(app).main(list(words), standalone_mode=False)
+
+
+def _written(parameters: Iterable[inspect.Parameter]) -> Iterator[str]:
+    """Yield the names of the parameters that name files to be written."""
+    for parameter in parameters:
+        declared = get_args(parameter.annotation)[1:]
+        if any(hasattr(getattr(one, "callback", None), OUTPUT) for one in declared):
+            yield parameter.name
+
+
+def _words(value: object) -> Iterator[str]:
+    """Yield what of an option's value may be the name of a file: also in ``KEY=FILE,...``."""
+    for one in value if isinstance(value, list) else [value]:
+        if isinstance(one, Path | str):
+            yield str(one)
+            yield from re.split("[=,]", str(one))
 
 
 def _parameters(group: type) -> Iterator[inspect.Parameter]:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 RESULTS = "Results"
 """Heading of the options that say what becomes of the results."""
 
+MOST_RUNS = 1_000_000
+"""Of a study, whose records have numbers of six digits."""
 Json = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON.", rich_help_panel=RESULTS)
 ]

@@ -8,7 +8,7 @@ import typer
 
 from isogal.cli.montecarlo import ending_well
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import StudyResults, Workers, number, text
+from isogal.cli.options import MOST_RUNS, StudyResults, Workers, number, text
 from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 def paper(
     results: StudyResults,
     workers: Workers,
-    runs: Annotated[int, number("Runs of each case; the paper has 100.", "N", least=1)] = 100,
+    runs: Annotated[
+        int, number("Runs of each case; the paper has 100.", "N", least=1, most=MOST_RUNS)
+    ] = 100,
     map_: Annotated[
         str | None,
         text(

@@ -94,6 +94,9 @@ def compare(
     and with --out their errors over time in one figure."""
     from isogal.evaluation.comparison import comparison, read_results, rows_of, write_comparison
 
+    for source in sources:
+        if out is not None and out.resolve() == source.resolve():
+            raise InputError(f"--out {out}: is one of those compared, whose report would be lost")
     results = read_results(sources)
     found = comparison(results)
     if json:

@@ -1,7 +1,6 @@
 """The map of what a scenario measures: the one that it names, or what is computed from it."""
 
 import math
-from functools import partial
 from typing import Final
 
 from isogal.errors import InputError
@@ -14,7 +13,7 @@ from isogal.maps.corridor import Corridor, corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
 from isogal.maps.several import FieldMaps, RunMap
-from isogal.maps.tiled_map import ScalarMap, TiledMap
+from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Assumed, Map, Settings, Truth
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
@@ -59,8 +58,7 @@ def map_for_scenario(
     corridor = corridor_of(route.latitude, route.longitude, margin)
     source = MapSource.of(settings)
     field_map = source.along(corridor)
-    if source.continues(field_map, settings.route.height):
-        field_map = _at_flown_height(settings, field_map, corridor)
+    field_map = _at_flown_height(settings, source, field_map, corridor)
     try:
         check_coverage(
             field_map, route.latitude, route.longitude, partly=settings.route.track is not None
@@ -93,17 +91,14 @@ def true_map(truth: Truth, matched: Map, trajectory: Trajectory, field_map: Rout
     return field_map if truth.map == matched else map_for_scenario(truth, trajectory)
 
 
-def _at_flown_height(settings: Settings, source: ScalarMap, corridor: Corridor) -> ScalarMap:
-    """Return the map along a route at the flown height; `source` is what the scenario names."""
-    flown = partial(MapSource.of(settings).flown, settings.route.height)
-    small = isinstance(source, FieldMap) and source.values.size <= _SMALL
-    if small and settings.map.terrain is None:
-        return flown(corridor.window)
-    if isinstance(source, FieldMap):
+def _at_flown_height(
+    settings: Settings, source: MapSource, field_map: ScalarMap, corridor: Corridor
+) -> ScalarMap:
+    """Return the map along a route at the flown height; `field_map` is what the source says."""
+    height = settings.route.height
+    large = isinstance(field_map, FieldMap) and (
+        settings.map.terrain is not None or field_map.values.size > _SMALL
+    )
+    if large and source.continues(field_map, height):
         return derived_maps(settings, corridor.margin).channels[0]
-    if settings.map.terrain is not None:
-        raise InputError(
-            "map.terrain: the map is too large to be continued from the ground on the way; make"
-            " one at the height of the flight with isogal map continue"
-        )
-    return TiledMap(flown, corridor)
+    return source.flown_along(height, field_map, corridor)

@@ -8,6 +8,7 @@ disturbance does: what else is in it is the height of the surface itself. So the
 a map of the disturbance as well; otherwise it is taken as it is."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Self, TypeVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from isogal.maps.continuation.blocks import CONTINUED, continued, rim_of
 from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
-from isogal.maps.tiled_map import Load, ScalarMap, map_along
+from isogal.maps.tiled_map import Load, ScalarMap, TiledMap, map_along
 from isogal.scenario import Map, Settings
 
 SYNTHETIC = "synthetic"
@@ -105,6 +106,21 @@ class MapSource:
                 f"{error} (the map at route.height; with map.continuation: none it is taken as it"
                 " is)"
             ) from None
+
+    def flown_along(self, height: float, field_map: ScalarMap, corridor: Corridor) -> ScalarMap:
+        """Return the map along a route at the height of the flight (m); `field_map` is what the
+        source says of it. Raises InputError as `flown` does."""
+        if not self.continues(field_map, height):
+            return field_map
+        flown = partial(self.flown, height)
+        if isinstance(field_map, FieldMap):
+            return flown(corridor.window)
+        if self.settings.terrain is not None:
+            raise InputError(
+                "map.terrain: the map is too large to be continued from the ground on the way;"
+                " make one at the height of the flight with isogal map continue"
+            )
+        return TiledMap(flown, corridor)
 
     def continues(self, field_map: ScalarMap, height: float) -> bool:
         """Tell whether the source's map has to be continued to the height of the flight (m)."""

@@ -18,6 +18,16 @@ VELOCITY = ("velocity_north", "velocity_east", "velocity_down")
 ANGLES = ("roll", "pitch", "heading")
 LAST = 2.0**31
 """s since 1970: seconds of ROS's stamps have 32 bits, with a sign."""
+OFF = 0.4
+"""By which share of the way an INS's velocity may miss it: 0.46 where it is too small by the least
+factor between two units, 1.85, of km/h in kn."""
+STRETCH, OFTEN = 100.0, 60.0
+"""m over which both are compared, at least; and s between solutions, with more of which the
+velocity between them is not known."""
+MOVING = 1.0
+"""m/s, above which a vehicle has a course."""
+ASIDE = math.radians(60.0)
+"""By which heading and course differ, in the median, where one is in another unit."""
 FASTEST, CORRECTION = 1000.0, 1e5
 """m/s, as for `route.speed`; and m by which no INS that is in use is corrected at once."""
 _COLUMNS = {
@@ -77,7 +87,7 @@ def read_ins_file(path: str | Path, height: float) -> InsFile:
     columns = rows.read(_COLUMNS, REQUIRED)
     _check(columns, rows)
     time, count = columns["time"], len(columns["time"])
-    unit = rows.units.get("value")
+    unit = rows.in_one_unit(columns, _COLUMNS, ("value", "sigma"))
     places = np.column_stack(
         [
             np.radians(columns["latitude"]),
@@ -89,11 +99,15 @@ def read_ins_file(path: str | Path, height: float) -> InsFile:
     metres = np.column_stack([north, east, np.full(count, -1.0)])
     _check_steps(np.diff(places, axis=0)[:, :2] * metres[1:, :2], time, rows)
     velocity = np.gradient(places, time, axis=0) * metres
+    if VELOCITY[0] in columns:
+        moved = np.diff(places, axis=0)[:, :2] * metres[1:, :2]
+        _check_velocity(moved, columns, np.diff(time), rows)
     for axis, name in enumerate(VELOCITY):
         if name in columns:
             velocity[:, axis] = columns[name]
     has_attitude = ANGLES[0] in columns
     if has_attitude:
+        _check_heading(columns["heading"], velocity, rows)
         angles = np.radians(np.column_stack([columns[name] for name in ANGLES]))
         attitude = np.array([from_angles(*row) for row in angles.tolist()])
     else:
@@ -131,4 +145,45 @@ def _check_steps(steps: Array, time: Array, rows: Rows) -> None:
             f"{rows.where}: latitude and longitude in line {rows.number[k + 1]} are"
             f" {1e-3 * math.hypot(*steps[k]):.0f} km from those {time[k + 1] - time[k]:.3g} s"
             " before; leave out what the INS says before it is aligned"
+        )
+
+
+def _check_velocity(moved: Array, columns: dict[str, Array], steps: Array, rows: Rows) -> None:
+    """Raise InputError where the horizontal velocity of an INS is not that of its places, which
+    moved by (N - 1, 2) m, north and east, in steps of (N - 1,) s: another unit, sign or axis."""
+    said = np.column_stack([columns[name] for name in VELOCITY[:2]])
+    way = np.cumsum(np.hypot(*moved.T))
+    if way[-1] < STRETCH or np.median(steps) > OFTEN:
+        return
+    stretch = (way / max(STRETCH, way[-1] / 50.0)).astype(np.int64)
+    gone = 0.5 * (said[1:] + said[:-1]) * steps[:, None]
+    of_places, of_velocity = (
+        np.column_stack([np.bincount(stretch, axis) for axis in one.T]) for one in (moved, gone)
+    )
+    length = np.maximum(np.hypot(*of_places.T), 1e-3 * STRETCH)
+    if np.median(np.hypot(*(of_places - of_velocity).T) / length) <= OFF:
+        return
+    factor = float(np.median(np.hypot(*of_velocity.T) / length))
+    raise InputError(
+        f"{rows.where}: velocity_north, velocity_east do not fit latitude, longitude and time:"
+        f" they are {factor:.3g} times as large, or of another direction; they must be in m/s, or"
+        " the header must say in what: velocity_north[kn], velocity_north[km/h]"
+    )
+
+
+def _check_heading(heading: Array, velocity: Array, rows: Rows) -> None:
+    """Raise InputError where a heading (N,), taken as deg, is none of a vehicle that moves with a
+    velocity (N, 3), m/s, but would be in rad."""
+    moves = np.hypot(velocity[:, 0], velocity[:, 1]) > MOVING
+    if not moves.any() or np.abs(heading).max() > 2.0 * math.pi:
+        return
+    course = np.arctan2(velocity[moves, 1], velocity[moves, 0])
+
+    def aside(angle: Array) -> float:
+        return float(np.median(np.abs(np.angle(np.exp(1j * (angle - course))))))
+
+    if aside(np.radians(heading[moves])) > ASIDE > aside(heading[moves]):
+        raise InputError(
+            f"{rows.where}: heading fits the course in rad, and not in deg; write heading[rad],"
+            " and roll[rad], pitch[rad]"
         )

@@ -22,9 +22,12 @@ _COLUMNS = {
     "latitude": LATITUDE,
     "longitude": LONGITUDE,
     "height": HEIGHT,
-    "scalar": Column(("scalar", "total_field", "total"), gaps=True),
-    **{f"vector_{a}": Column((f"vector_{a}", f"flux_{a}", f"b{a}"), gaps=True) for a in "xyz"},
-    "reference": Column(("reference",), gaps=True),
+    "scalar": Column(("scalar", "total_field", "total"), unit=" nT", gaps=True),
+    **{
+        f"vector_{a}": Column((f"vector_{a}", f"flux_{a}", f"b{a}"), unit=" nT", gaps=True)
+        for a in "xyz"
+    },
+    "reference": Column(("reference",), unit=" nT", gaps=True),
 }
 _PLACES = ("latitude", "longitude")
 _NO_PLACES = "has no columns latitude and longitude"
@@ -99,7 +102,7 @@ def read_magnetic_flight(path: str | Path, base: Path | None = None) -> Magnetic
     rows = read_rows(path, ", ".join(_REQUIRED))
     columns = rows.read(_COLUMNS, _REQUIRED)
     currents = {
-        name.removeprefix(_CURRENT): Column((name,), gaps=True)
+        name.removeprefix(_CURRENT): Column((name,), unit=" A", gaps=True)
         for name in rows.names
         if name.startswith(_CURRENT)
     }

@@ -36,11 +36,13 @@ class Errors:
     """Of that error, m."""
     bias_sigma: float = 0.0
     """1-sigma of an unknown constant offset of the readings."""
+    least_map_sigma: float = 0.0
+    """1-sigma of the map's error where the map says less."""
 
     def covariance(self, field_map: ScalarMap, latitude: Array, longitude: Array) -> Array:
         """Return R (K, K) of readings at some places (rad)."""
         map_sigma = (
-            field_map.sigma_at(latitude, longitude)
+            np.maximum(field_map.sigma_at(latitude, longitude), self.least_map_sigma)
             if self.map_sigma is None
             else np.full(latitude.size, self.map_sigma)
         )

@@ -79,7 +79,7 @@ class InitialError(Section):
 
     errors: ClassVar[tuple[str, ...]] = ("position", "velocity", "tilt", "heading")
 
-    position: NonNegative = 50.0
+    position: NonNegative = Field(50.0, le=1.0e6)
     """m, north and east"""
     velocity: NonNegative = 0.05
     """m/s, north and east"""

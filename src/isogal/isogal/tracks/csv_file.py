@@ -3,6 +3,7 @@ optionally time, sigma, offset and line."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,8 @@ from isogal.tracks.track import Track
 REQUIRED = ("latitude", "longitude", "value")
 _PLACES = {"latitude": LATITUDE, "longitude": LONGITUDE}
 _PROJECTED = {
-    "x": Column(("x", "easting", "east")),
-    "y": Column(("y", "northing", "north")),
+    "x": Column(("x", "easting", "east"), unit=" m"),
+    "y": Column(("y", "northing", "north"), unit=" m"),
 }
 
 
@@ -58,6 +59,7 @@ def read_csv_tracks(
     projected = rows.index(LATITUDE) is None and None not in map(rows.index, _PROJECTED.values())
     places = _PROJECTED if projected else _PLACES
     columns = rows.read(places | readings, (*places, "value"))
+    unit = rows.in_one_unit(columns, readings, ("value", "sigma", "offset"))
     if projected:
         columns |= geographic(columns["x"], columns["y"], crs, rows.where)
         if not np.isfinite(columns["latitude"]).all():
@@ -66,7 +68,10 @@ def read_csv_tracks(
     of_line = {
         one: np.flatnonzero([name == one for name in lines]) for one in dict.fromkeys(lines)
     }
-    return [_track(columns, rows, which, one, projected) for one, which in of_line.items()]
+    return [
+        replace(_track(columns, rows, which, one, projected), unit=unit)
+        for one, which in of_line.items()
+    ]
 
 
 def _beside(names: Sequence[str], what: str) -> tuple[str, ...]:

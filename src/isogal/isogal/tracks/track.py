@@ -12,7 +12,7 @@ from isogal.earth.gravity import normal_gravity_gradient_north
 from isogal.errors import InputError
 from isogal.magnetics.readings import BaseStation
 from isogal.maps.corridor import corridor_of
-from isogal.maps.quantities import QUANTITIES, fitting_unit
+from isogal.maps.quantities import QUANTITIES, fitting_unit, unit_factor
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Magnetometer
 from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction
@@ -79,6 +79,8 @@ class Track:
     """What the readings are of, unit inside; None = the file does not say it."""
     factor: float = 1.0
     """Number of units inside in one unit of the file, for messages."""
+    unit: str | None = None
+    """Of value, sigma and offset, as the file says it; None = it does not."""
     line: str | None = None
     """Survey line; None = the file has none."""
     timed: bool = True
@@ -152,6 +154,10 @@ class Track:
         InputError where the file has no times or the station was not on at them."""
         if not self.timed:
             raise InputError(f"{self.where}: a base station needs the track's column time")
+        if self.unit is not None and unit_factor(self.unit, self.where) != ("nT", 1.0):
+            raise InputError(
+                f"{self.where}: value is in {self.unit}, and a base station's readings in nT"
+            )
         return replace(self, value=self.value - station.variation(self.time, self.where))
 
     def __len__(self) -> int:

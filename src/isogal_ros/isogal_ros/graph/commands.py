@@ -37,7 +37,7 @@ from isogal_ros.graph.parameter_files import filter_parameters
 from isogal_ros.graph.plan import GraphError, Plan, checked
 from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.graph.running import run_in_process, run_processes
-from isogal_ros.graph.smoothing import WHOLE, smoothed_bag, thinned, write_bag
+from isogal_ros.graph.smoothing import WHOLE, keep_recording, smoothed_bag, thinned, write_bag
 from isogal_ros.graph.watching import Watch, watching
 from isogal_ros.nodes.signals import interrupts
 
@@ -229,6 +229,7 @@ def smooth_command(
     InputError
         The bag or what it needs cannot be used.
     """
+    keep_recording(out / "bag")
     reader, played = _played(bag, out, chosen, WHOLE)
     if played.interrupted:
         note(f"interrupted; nothing is written of {bag}")

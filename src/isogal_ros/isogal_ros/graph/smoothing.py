@@ -19,10 +19,11 @@ from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.smoothed_track import SmoothedTrack
 from isogal.maps.channels import RouteMap
 from isogal.maps.several import each_map
+from isogal.mcap_files import parts
 from isogal.scenario import Scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.bags.record import Collector, Places, wanted_messages
 from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.graph.replay import Replay
@@ -138,6 +139,15 @@ def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collect
 def _stamps(track: SmoothedTrack, outputs: Collector) -> list[int]:
     """Return the stamps (ns) of the states: the filter has published each."""
     return among(track.time.tolist(), outputs.first_nav)
+
+
+def keep_recording(folder: Path) -> None:
+    """Raise InputError where a bag in a folder, which `write_bag` would replace, is a recording
+    and not an earlier result."""
+    if parts(folder):
+        first = next(BagReader(folder).messages(), None)
+        if first is not None and not topic_of(first.topic, topics.SMOOTHED.name):
+            raise InputError(f"{folder}: holds a recording, which must stay; give another --out")
 
 
 def write_bag(found: SmoothedBag, played: Replay, folder: Path) -> None:

@@ -46,11 +46,14 @@ class Assumptions:
     ] = None
     map_sigma: Annotated[
         float | None,
-        number("1-sigma of the map, its unit; default: as the map says.", check=not_negative),
+        number(
+            "1-sigma of the map, its unit; default: as the map says, map_error.sigma at least.",
+            check=not_negative,
+        ),
     ] = None
     map_correlation_length: Annotated[
         float | None,
-        number("Of the map's error; default: as the map says, or 4000.", "M", positive),
+        number("Of the map's error; default: as the map says, else map_error's.", "M", positive),
     ] = None
     bias_sigma: Annotated[
         float, number("1-sigma of an unknown offset, map's unit.", least=0.0)
@@ -61,18 +64,26 @@ class Assumptions:
     ) -> "Stretches":
         """Return what readings along a track (latitude, longitude, rad) tell, stretch by stretch;
         raises InputError."""
+        import numpy as np
+
+        from isogal.fields.measured import measured_field, reading_sigma
         from isogal.maps.expected_accuracy import Errors, position_information
 
         settings = route.settings
-        if self.sensor_sigma is None and field_map.unit != "m/s²":
-            raise InputError(f"--sensor-sigma: must be given for a map in {field_map.unit}")
+        if self.sensor_sigma is None and measured_field(settings).unit != field_map.unit:
+            raise InputError(
+                f"--sensor-sigma: must be given for a map in {field_map.unit}, or --set field=..."
+                " and --set gravimeter.sigma=..."
+            )
+        true, said = settings.true, field_map.correlation_length
+        if np.nanmedian(field_map.sigma) < true.map_error.sigma:
+            said = None
         errors = Errors(
-            settings.gravimeter.sigma if self.sensor_sigma is None else self.sensor_sigma,
+            reading_sigma(true) if self.sensor_sigma is None else self.sensor_sigma,
             self.map_sigma,
-            self.map_correlation_length
-            or field_map.correlation_length
-            or settings.matcher.map_correlation_length,
+            self.map_correlation_length or said or true.map_error.correlation_length,
             self.bias_sigma,
+            true.map_error.sigma,
         )
         return position_information(field_map, *track, errors, 1e3 * self.stretch)
 
@@ -89,16 +100,23 @@ def info(
     it.
 
     The expected accuracy is the bound on a fix from the readings of one stretch alone, for a
-    position already known to within the linear range of the map, which is taken as it is: at
-    route.height the field is smoother (`isogal map continue`)."""
+    position already known to within the linear range of the map, at route.height as in a run. The
+    navigator's error (`isogal montecarlo`) is another: it adds what the INS and all fixes know."""
     needed = map_.is_synthetic and where.window is None
     route = where.build() if needed else where.build_if_asked()
     field_map = map_.load_part(where.part(route), route.measured if route else "gravity")
     described, track, stretches, along = describe_map(field_map), None, None, None
     if route is not None:
         track = route.readings_on(field_map)
-        stretches = assumed.stretches(field_map, route, track)
-        along = describe_route(field_map, track, stretches)
+        around = route.around(where.margin)
+        flown = map_.flown_along(field_map, route.settings, around, route.measured)
+        try:
+            track = route.readings_on(flown)
+        except InputError as error:
+            raise InputError(f"{error}; --set map.continuation=none takes it as it is") from None
+        stretches = assumed.stretches(flown, route, track)
+        height = None if flown is field_map else route.settings.route.height
+        along = describe_route(flown, track, stretches, height)
     if figure is not None:
         from isogal.cli.map.figures import map_figure
 

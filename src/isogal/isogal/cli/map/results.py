@@ -166,11 +166,14 @@ def _shown(value: float, unit: str) -> str:
 
 
 def describe_route(
-    field_map: "ScalarMap", track: "tuple[Array, Array]", stretches: "Stretches"
+    field_map: "ScalarMap",
+    track: "tuple[Array, Array]",
+    stretches: "Stretches",
+    height: float | None = None,
 ) -> Described:
     """Return values, gradient (map's unit, per m) and expected accuracy (m) of fixes along a track
     (K,), (K,) rad, stretch by stretch; None where infinite or missing, as of a stretch that gives
-    no fix."""
+    no fix. `height` (m) is that which the map has been continued to; None = it is as it was."""
     import numpy as np
 
     value, north, east = field_map.value_and_gradient(*track)
@@ -187,6 +190,7 @@ def describe_route(
     }
     return {
         "length_km": float(stretches.end[-1]) / 1e3,
+        "continued_to": height,
         "value_rms": float(np.sqrt(np.mean(value**2))),
         "value_standard_deviation": float(np.std(value)),
         "gradient_rms": float(np.sqrt(np.mean(north**2 + east**2))),
@@ -197,6 +201,8 @@ def describe_route(
 def print_route(described: Described, unit: str, *below: str) -> None:
     """Print what `describe_route` returns of a map in this unit as a table, and lines below it."""
     factor, short = shown_unit(unit)
+    height = described["continued_to"]
+    level = "on the map's level" if height is None else f"at route.height {height:g} m"
     slope, per_km = 1e3 * factor, f"{short}/km"
     rows = []
     for row in described["stretches"]:
@@ -217,6 +223,7 @@ def print_route(described: Described, unit: str, *below: str) -> None:
         f" {_shown(described['value_standard_deviation'], unit)} standard deviation, gradient"
         f" {slope * described['gradient_rms']:.3g} {per_km} RMS",
         *below,
-        title=f"Gradient ({per_km}) and expected 1-sigma of a fix from each stretch alone",
+        title=f"Gradient ({per_km}) and expected 1-sigma of a fix from each stretch alone,"
+        f" {level}",
         words=(),
     )

@@ -135,7 +135,7 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
         field_map: ScalarMap | None
         field_map = learnt[0] if learnt else _at_height(map_, chosen, corridor.window)
         field_map = field_map or map_.load_along(corridor)
-        unit, factor = _unit_of(chosen.track_unit, field_map)
+        unit, factor = _unit_of(chosen.track_unit, field_map, line[0])
         sigma = assumed.reading_sigma(field_map, factor) if learnt is None else learnt[1]
         track = _track(line, field_map, factor, sigma, chosen.reduction)
         if chosen.spacing is not None:
@@ -170,7 +170,7 @@ def _gradients(choice: FieldChoice, matcher: str) -> "Iterator[TrackField]":
             )
         maps = derivatives(disturbance, components, height=rise, edge=_GRADIENT_REACH)
         scalar = maps.channels[0]
-        unit, factor = _unit_of(chosen.track_unit or "E", scalar)
+        unit, factor = _unit_of(chosen.track_unit or _one_unit(line) or "E", scalar)
         sigma = choice.assumed.reading_sigma(scalar, factor) or _DEFAULT_SIGMA[scalar.unit]
         values = np.stack([one.value for one in line], axis=1) * factor
         nothing = np.zeros(len(first))
@@ -228,7 +228,7 @@ def _level(chosen: TrackChoice, field_map: "FieldMap") -> float:
 def _of_map(map_: MapChoice, tracks: "Sequence[Track]") -> MapChoice:
     """Return a map without a `--crs` that is meant for tracks: only a GeoTIFF takes one."""
     of_track = any(one.projected for one in tracks)
-    is_geotiff = str(map_.source).casefold().endswith((".tif", ".tiff"))
+    is_geotiff = str(map_.source).casefold().endswith((".tif", ".tiff", ".gtiff", ".asc"))
     return replace(map_, crs=None) if of_track and not is_geotiff else map_
 
 
@@ -277,13 +277,28 @@ def _compensated(path: Path, coefficients: Path) -> "Track":
     return Track(readings.time, latitude, longitude, value, none + math.nan, none, where)
 
 
-def _unit_of(track_unit: str | None, field_map: "ScalarMap") -> tuple[str, float]:
-    """Return the unit of the track's values, and the number of units inside in one of it."""
+def _unit_of(
+    track_unit: str | None, field_map: "ScalarMap", track: "Track | None" = None
+) -> tuple[str, float]:
+    """Return the unit of a track's values, and the number of units inside in one of it: as the
+    option says, else the track's file, else the map's."""
     from isogal.cli.match.sigmas import factor_of
 
+    if track_unit is None and track is not None and track.unit is not None:
+        return track.unit, factor_of(track.unit, f"{track.where}: value", field_map)
     if track_unit is None:
         return field_map.file_unit, field_map.file_factor
     return track_unit, factor_of(track_unit, "--track-unit", field_map)
+
+
+def _one_unit(line: "Sequence[Track]") -> str | None:
+    """Return the unit that the file says of the components; None where it says none. Raises
+    InputError where they have several."""
+    units = {one.unit for one in line}
+    if len(units) > 1:
+        named = ", ".join(sorted(unit or "none said" for unit in units))
+        raise InputError(f"{line[0].where}: components have several units: {named}")
+    return units.pop()
 
 
 def _track(
@@ -319,11 +334,16 @@ def _learnt_error(
     from isogal.tracks.map_error import reading_sigma, with_learnt_error
     from isogal.tracks.track import fit_to_map
 
-    _, factor = _unit_of(choice.track.track_unit, field_map)
+    of_option = choice.track.track_unit
+    each = [_unit_of(of_option, field_map, one)[1] for one in references]
+    factor = each[0]
     sigma = choice.assumed.reading_sigma(field_map, factor)
 
     def with_sigma(sigma: float) -> "list[Track]":
-        return [fit_to_map(one.in_unit(factor, sigma), field_map)[0] for one in references]
+        return [
+            fit_to_map(one.in_unit(own, sigma), field_map)[0]
+            for one, own in zip(references, each, strict=True)
+        ]
 
     if sigma is None:
         sigma = reading_sigma(with_sigma(_UNUSED_SIGMA), field_map)

@@ -85,8 +85,8 @@ class TrackChoice:
         str | None,
         text(
             "UNIT",
-            "Unit of value, sigma and offset and of the sigma options below; default: the map"
-            " file's.",
+            "Unit of value, sigma and offset and of the sigma options below; default: that of"
+            " their header, as value[mGal], else the map file's.",
         ),
     ] = None
     reduction: Annotated[

@@ -16,7 +16,9 @@ from isogal.maps.formats.points import drop_gaps, grid_of_points
 from isogal.maps.gridding.reading import value_column
 from isogal.maps.gridding.rows import LATITUDE, LONGITUDE, Column, Rows, rows_of_text
 
-_COLUMNS = {name: Column(one.names) for name, one in (("lat", LATITUDE), ("lon", LONGITUDE))}
+_COLUMNS = {
+    name: Column(one.names, unit=one.unit) for name, one in (("lat", LATITUDE), ("lon", LONGITUDE))
+}
 """Without limits: what is beyond them is looked at as a grid."""
 
 

@@ -22,7 +22,10 @@ _NAMES = {
     "time": ("time", "utc_time", "utctime", "gps_time", "gpstime", "fiducial", "fid"),
 }
 """Names of columns, in any case."""
-_COLUMNS = {kind: Column(names, gaps=True) for kind, names in _NAMES.items()}
+_OWN = {"latitude": " deg", "longitude": " deg", "x": " m", "y": " m", "height": " m"}
+_COLUMNS = {
+    kind: Column(names, unit=_OWN.get(kind, ""), gaps=True) for kind, names in _NAMES.items()
+}
 _COLUMNS["sigma"] = _COLUMNS["sigma"]._replace(least=math.ulp(0.0))
 
 
@@ -66,7 +69,9 @@ def read_survey(
     wanted["value"] = Column((name,), gaps=True)
     if rows.line is not None:
         wanted.pop("line", None)
-    columns: dict[str, Array | None] = {**rows.read(wanted, ())}
+    found = rows.read(wanted, ())
+    own_unit = rows.in_one_unit(found, wanted, ("value", "sigma"))
+    columns: dict[str, Array | None] = {**found}
     names: dict[int, str] = {}
     if rows.line is not None:
         names = _numbered(rows.line)
@@ -76,7 +81,7 @@ def read_survey(
         columns |= geographic(columns["x"], columns["y"], crs, rows.where)
     return survey_of(
         columns,
-        unit=unit or rows.units.get(name),
+        unit=unit or own_unit,
         quantity=quantity or rows.quantities.get(name),
         where=f"{rows.where}:{name}",
         line_names=names,

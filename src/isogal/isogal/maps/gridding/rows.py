@@ -22,7 +22,7 @@ from isogal.errors import InputError
 from isogal.files import reading
 from isogal.maps.formats.netcdf import open_netcdf, quantity_in, text_of, unpacked
 from isogal.maps.gridding import mgd77
-from isogal.maps.quantities import quantity_of
+from isogal.maps.quantities import quantity_of, unit_factor
 
 _MISSING = ("", "*", "nan", "na", "n/a", "null", "none", "-")
 """Cells without a reading, in lower case."""
@@ -39,16 +39,38 @@ _SECONDS = {
     **dict.fromkeys(("ns", "nanosecond"), 1e-9),
 }
 """In a unit of time, as UDUNITS names it in the singular."""
-_OTHERS = {
-    " deg": dict.fromkeys(("rad", "radian", "radians"), math.degrees(1.0)),
-    " m": {**dict.fromkeys(("ft", "foot", "feet"), 0.3048), "km": 1e3, "cm": 1e-2, "mm": 1e-3},
-    " m/s": {
-        **dict.fromkeys(("kn", "kt", "kts", "knot", "knots"), 1852.0 / 3600.0),
-        **dict.fromkeys(("km/h", "kmh", "kph"), 1.0 / 3.6),
-        **{"cm/s": 1e-2, "mm/s": 1e-3, "ft/s": 0.3048},
-    },
+_DEGREES = "degree, degrees, °, dd, decimal degrees, " + ", ".join(
+    f"{word}{mark}{way}"
+    for way in ("north", "east", "n", "e")
+    for word in ("degree", "degrees", "deg")
+    for mark in ("_", " ", "")
+)
+_UNITS = {
+    " deg": (("deg", 1.0, _DEGREES), ("rad", math.degrees(1.0), "radian, radians")),
+    " m": (
+        ("m", 1.0, "metre, metres, meter, meters"),
+        ("km", 1e3, "kilometre, kilometres, kilometer, kilometers"),
+        ("cm", 1e-2, "centimetre, centimetres, centimeter, centimeters"),
+        ("mm", 1e-3, "millimetre, millimetres, millimeter, millimeters"),
+        ("ft", 0.3048, "foot, feet"),
+    ),
+    " m/s": (
+        ("m/s", 1.0, "m s-1, m s^-1, m s**-1, m.s-1, mps, metres per second, meters per second"),
+        ("kn", 1852.0 / 3600.0, "kt, kts, knot, knots"),
+        ("km/h", 1.0 / 3.6, "km h-1, kmh, kph"),
+        ("cm/s", 1e-2, "cm s-1"),
+        ("mm/s", 1e-3, "mm s-1"),
+        ("ft/s", 0.3048, "ft s-1"),
+    ),
+    " nT": (
+        ("nT", 1.0, "nanotesla, nanoteslas, gamma, gammas"),
+        ("µT", 1e3, "μt, ut, microtesla, microteslas"),
+        ("T", 1e9, "tesla"),
+    ),
+    " A": (("A", 1.0, "ampere, amperes, amp, amps"), ("mA", 1e-3, "milliampere, milliamperes")),
 }
-"""Units that a file may name in place of a column's own: the column's in each."""
+"""By a column's own unit: those that a file may name, the own one in each, and other spellings, in
+lower case."""
 _EXAMPLE = "2026-05-01T12:00:00Z"
 _LINE = re.compile(r"^\s*(line|tie|random|base|trend|special|test)\s+(\S+)\s*$", re.IGNORECASE)
 
@@ -61,7 +83,7 @@ class Column(NamedTuple):
     least: float = -math.inf
     most: float = math.inf
     unit: str = ""
-    """Of its numbers and the limits."""
+    """Of its numbers and the limits, one of `_UNITS`; empty: whatever the file says it is."""
     gaps: bool = False
     """Whether readings may be missing."""
 
@@ -155,7 +177,7 @@ class Rows:
                     raise self._bad(name, k, f"{shown}, not a number{hint}") from None
         if column is TIME and plain:
             found = _seconds(found, unit, f"{self.where}: {self.names[i]}")
-        found *= _OTHERS.get(column.unit, {}).get(unit.casefold(), 1.0)
+        found *= self._factor(self.names[i], column)
         if column.gaps:
             found[np.isin(found, _DUMMIES)] = np.nan
         beyond = (found < column.least) | (found > column.most)
@@ -167,6 +189,47 @@ class Rows:
             limits = f"{column.least:g} to {column.most:g}" if column.most < math.inf else "> 0"
             raise self._bad(name, k, f"{found[k]:.10g}{column.unit}, must be {limits}")
         return found
+
+    def _factor(self, name: str, column: Column) -> float:
+        """Return the number of a column's own unit in that which the file says; raises InputError
+        where that is none of those known."""
+        unit = self.units.get(name)
+        if unit is None or not column.unit:
+            return 1.0
+        spelled = " ".join(unit.casefold().split())
+        for known, factor, others in _UNITS[column.unit]:
+            if spelled == known.casefold() or spelled in others.split(", "):
+                return factor
+        allowed = ", ".join(known for known, *_ in _UNITS[column.unit])
+        raise InputError(
+            f"{self.where}: {name}: unknown unit '{unit}'; must be one of {allowed}, or none for"
+            f"{column.unit}"
+        )
+
+    def in_one_unit(
+        self, found: dict[str, Array], columns: Mapping[str, Column], names: Sequence[str]
+    ) -> str | None:
+        """Bring some columns that have been read to the unit of the first of which the file says
+        one, and return that; None where it says none. Raises InputError where units do not go
+        together."""
+        there = {name: self.index(columns[name]) for name in names if name in found}
+        units = {
+            name: unit
+            for name, i in there.items()
+            if i is not None and (unit := self.units.get(self.names[i])) is not None
+        }
+        common = next(iter(units.values()), None)
+        for name, unit in units.items():
+            if unit != common:
+                inside, factor = unit_factor(unit, f"{self.where}: {name}")
+                other, of_common = unit_factor(common or "", f"{self.where}: {next(iter(units))}")
+                if inside != other:
+                    raise InputError(
+                        f"{self.where}: {name}: '{unit}' does not go with '{common}' of"
+                        f" {next(iter(units))}"
+                    )
+                found[name] = found[name] * (factor / of_common)
+        return common
 
     def _bad(self, name: str, k: int, what: str) -> InputError:
         return InputError(f"{self.where}: {name} in line {self.number[k]} is {what}")
