@@ -100,22 +100,6 @@ def test_another_datum_is_transformed(tmp_path):
     check(geotiff(tmp_path / "a.tif", disturbance(lat, lon) * 1e5, NORTH_UP, "EPSG:4202"), 3e-6)
 
 
-def test_esri_grid_of_text(tmp_path):
-    """In full precision, which GDAL does not read by itself."""
-    values = np.where(np.arange(MGAL.size).reshape(MGAL.shape) == 77, -9999.0, 979760.0 + MGAL)
-    head = "ncols 150 nrows 120 xllcorner 144.0 yllcorner -37.2 cellsize 0.01 nodata_value -9999"
-    words = head.split()
-    lines = [f"{name} {word}" for name, word in zip(words[::2], words[1::2], strict=True)]
-    lines += [" ".join(f"{value:.4f}" for value in row) for row in values]
-    path = tmp_path / "gravity.asc"
-    path.write_text("\n".join(lines) + "\n")
-    assert "give crs=" in refused(path)
-    found = load_map(path, quantity="gravity", unit="mGal", crs="EPSG:4326")
-    assert np.argwhere(np.isnan(found.values)).tolist() == [[119, 77]]
-    np.testing.assert_allclose(found.values[:-1], 1e-5 * values[:0:-1], rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(np.degrees(found.latitude[[0, -1]]), [-37.195, -36.005])
-
-
 def test_what_the_file_does_not_say_is_asked_for(tmp_path):
     path = geotiff(tmp_path / "a.tif", MGAL, NORTH_UP, crs=None, unit=None, name=None)
     for given, words in (

@@ -174,7 +174,7 @@ def test_a_magnetic_vehicle_whose_field_the_matcher_estimates_from_a_cold_start(
     assert "/magnetometer/terms" in counts(bag)
     assert_replayed(bag, 1e-3)
     # the readings of both instruments are reduced anew for a matcher that does otherwise
-    assert_replayed_as_run(bag, changed_scenario(scenario, ["matcher.map_sigma=4"], "test"))
+    assert_replayed_as_run(bag, changed_scenario(scenario, ["matcher.map_sigma=4"], "test"), 1e-3)
 
 
 def test_another_run_by_the_wall_clock(scenario, tmp_path) -> None:

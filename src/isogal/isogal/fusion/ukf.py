@@ -174,13 +174,12 @@ def advance(
     pushes = np.zeros((9, LANES))
     ends = np.empty((10, LANES))
     mean, gain, total = np.zeros(width), np.zeros(width), np.zeros(9)
-    auxiliary = of_gravity(assumptions.auxiliary, residual_gravity)
+    auxiliary, done = of_gravity(assumptions.auxiliary, residual_gravity), steps
     left = auxiliary.variance.copy()
     x, v, q = nominal.position, nominal.velocity, nominal.attitude
     for i in range(n):  # a slice would take seconds to compile
         for j in range(n):
             P[i, j] = covariance[i, j]
-    done = steps
     for k in range(steps):
         if not factorise(n, P, factor, gain):
             done = k

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from isogal.cli.checks import not_negative, positive
 from isogal.cli.map.part import PartChoice, Route, RouteChoice
 from isogal.cli.map.results import (
+    Described,
     Picture,
     describe_map,
     describe_route,
@@ -107,16 +108,7 @@ def info(
     field_map = map_.load_part(where.part(route), route.measured if route else "gravity")
     described, track, stretches, along = describe_map(field_map), None, None, None
     if route is not None:
-        track = route.readings_on(field_map)
-        around = route.around(where.margin)
-        flown = map_.flown_along(field_map, route.settings, around, route.measured)
-        try:
-            track = route.readings_on(flown)
-        except InputError as error:
-            raise InputError(f"{error}; --set map.continuation=none takes it as it is") from None
-        stretches = assumed.stretches(flown, route, track)
-        height = None if flown is field_map else route.settings.route.height
-        along = describe_route(flown, track, stretches, height)
+        track, stretches, along = _along(map_, field_map, route, where.margin, assumed)
     if figure is not None:
         from isogal.cli.map.figures import map_figure
 
@@ -128,6 +120,21 @@ def info(
     print_map(described, *([] if along else files))
     if along is not None:
         print_route(along, field_map.unit, *files)
+
+
+def _along(
+    map_: MapChoice, field_map: "ScalarMap", route: Route, margin: float, assumed: Assumptions
+) -> "tuple[tuple[Array, Array], Stretches, Described]":
+    """Return where readings along a route are (rad), what they tell, and both described, by the
+    map at the height of the flight; raises InputError where that does not cover it."""
+    flown = map_.flown_along(field_map, route.settings, route.around(margin), route.measured)
+    try:
+        track = route.readings_on(flown)
+    except InputError as error:
+        raise InputError(f"{error}; --set map.continuation=none takes it as it is") from None
+    stretches = assumed.stretches(flown, route, track)
+    height = None if flown is field_map else route.settings.route.height
+    return track, stretches, describe_route(flown, track, stretches, height)
 
 
 @dataclass(frozen=True)

@@ -228,7 +228,7 @@ def _level(chosen: TrackChoice, field_map: "FieldMap") -> float:
 def _of_map(map_: MapChoice, tracks: "Sequence[Track]") -> MapChoice:
     """Return a map without a `--crs` that is meant for tracks: only a GeoTIFF takes one."""
     of_track = any(one.projected for one in tracks)
-    is_geotiff = str(map_.source).casefold().endswith((".tif", ".tiff", ".gtiff", ".asc"))
+    is_geotiff = str(map_.source).casefold().endswith((".tif", ".tiff"))
     return replace(map_, crs=None) if of_track and not is_geotiff else map_
 
 

@@ -1,4 +1,4 @@
-"""GeoTIFF maps, and ESRI's grids of text (ASCII), in any coordinate reference system.
+"""GeoTIFF maps, in any coordinate reference system.
 
 A grid in a projected, rotated or shifted system is resampled to latitude and longitude by cubic
 convolution."""
@@ -37,11 +37,7 @@ def open_raster(path: Path, asked: Asked, kind: str = "GeoTIFF") -> Iterator[Fil
         raise InputError(f"{where}: no such file")
     with (
         reading(path, kind),
-        rasterio.Env(
-            GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR",
-            GDAL_PAM_ENABLED="NO",
-            AAIGRID_DATATYPE="Float64",  # float32 rounds gravity to 0.1 mGal
-        ),
+        rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GDAL_PAM_ENABLED="NO"),
         rasterio.open(path) as source,
     ):
         band = _band(source, asked.variable, where)
@@ -182,4 +178,4 @@ def _values(
     return values[::-1]
 
 
-FORMAT = file_format("geotiff", (".tif", ".tiff", ".gtiff", ".asc"), open_raster, crs=True)
+FORMAT = file_format("geotiff", (".tif", ".tiff", ".gtiff"), open_raster, crs=True)
