@@ -63,11 +63,6 @@ def earlier(past: Array, t: int, age: float) -> tuple[float, float, float, float
     )  # fmt: skip
 
 
-def older(past: Array, age: float) -> Array:
-    """Return (n, 3) what `Rows.past` (n, Q, 3) says of rows at an age (s)."""
-    return np.array([earlier(past, t, age)[:3] for t in range(len(past))])
-
-
 @kernel(error_model="numpy")
 def sensed(
     grid: Grid, past: Array, t: int, lat: float, lon: float, channel: int, age: float
