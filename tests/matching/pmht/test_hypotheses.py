@@ -507,6 +507,8 @@ def test_what_a_filter_gives_is_a_mean_of_what_was_sensed():
     line = low_pass(uneven, 45.0) @ uneven
     assert (line + 45.0)[-10:] == pytest.approx(uneven[-10:], abs=0.01)  # as old as the filter
     np.testing.assert_array_equal(low_pass(time, 0.0), np.eye(40))
+    twice = low_pass(np.array([0.0, 30.0, 30.0]), 45.0)
+    np.testing.assert_allclose(twice[2], twice[1], atol=1e-5)
 
 
 def test_a_place_is_found_by_readings_through_a_filter():

@@ -46,8 +46,8 @@ def compensation_by(field_map: ChannelMap | None, share: float = 1.0) -> Compens
     first, values = field_map.channels[0], field_map.values
     sizes = first.cell_size_m(float(first.latitude.mean()))
     variance = float(np.nanvar(values, axis=(1, 2)).mean())
-    slopes = np.gradient(values, *sizes, axis=(1, 2))
-    steep = float(np.nanmean(np.square(slopes)))
+    slopes = (np.gradient(values, size, axis=k) for k, size in enumerate(sizes, 1))
+    steep = sum(float(np.nanmean(np.square(slope))) for slope in slopes) / 2.0
     feature = math.sqrt(variance / steep) if steep > 0.0 else math.inf
     return Compensation(field_map.grid, share, share**2 * variance, feature)
 

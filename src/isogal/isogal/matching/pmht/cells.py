@@ -231,7 +231,7 @@ def low_pass(time: Array, lag: float) -> Array:
     1."""
     F = np.eye(len(time))
     for k in range(1, len(time) if lag > 0.0 else 0):
-        elapsed = time[k] - time[k - 1]
+        elapsed = max(time[k] - time[k - 1], 1e-6 * lag)  # readings of one time
         left = math.exp(-elapsed / lag)
         older = (1.0 - left) * lag / elapsed
         F[k, :k] = left * F[k - 1, :k]

@@ -8,8 +8,6 @@ the hypothesis, which takes in s from reading to reading. Both tau and the error
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.maps.interpolation import Grid, value_and_gradient
