@@ -161,9 +161,8 @@ def rows_of(
     rough = np.zeros(len(lengths)) if rough is None else rough
     # places would have beams apart, and what fixes have moved the navigator by
     moved = velocity * elapsed[:, None]
-    steps, step, joined = _of_map(batch, states, moved, first.steps, lengths, last is None)
-    for k in np.flatnonzero(rough > 0.0) if states.smooth else ():
-        step[k], joined[k] = smooth(np.hypot(*moved.T), lengths[k])
+    shapes = lengths, rough
+    steps, step, joined = _of_map(batch, states, moved, first.steps, shapes, last is None)
     north, east = metres_per_radian(latitude)
     keep, fresh = _changes(states, elapsed)
     instrument = batch.instrument.part(which)
@@ -190,13 +189,23 @@ def rows_of(
 
 
 def _of_map(
-    batch: Batch, states: States, moved: Array, before: Array, lengths: Array, begins: bool
+    batch: Batch,
+    states: States,
+    moved: Array,
+    before: Array,
+    shapes: tuple[Array, Array],
+    begins: bool,
 ) -> tuple[Array, Array, Array]:
-    """Return how map errors go on; parameters and results as those of `chained`."""
-    count = states.channels // states.order
+    """Return how map errors of `Models.shapes` go on; other parameters and results as those of
+    `chained`."""
+    count, (lengths, rough) = states.channels // states.order, shapes
     layout = batch.layout
     if layout is None or not (layout.beams or layout.of_one_potential):
-        return before, *independent(count, np.hypot(*moved.T), lengths)
+        travelled = np.hypot(*moved.T)
+        step, joined = independent(count, travelled, lengths)
+        for k in np.flatnonzero(rough > 0.0) if states.smooth else ():
+            step[k], joined[k] = smooth(travelled, lengths[k])
+        return before, step, joined
     feet = footprints(batch, count) if layout.beams else np.zeros((count, 2))
     chain = Chain(states.order, feet, layout.of_one_potential)
     return chained(chain, moved, before, lengths, begins)
