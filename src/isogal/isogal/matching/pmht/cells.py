@@ -14,8 +14,9 @@ from isogal.maps.channels import AnyMap, channels_of
 from isogal.maps.error_model import decay
 from isogal.maps.interpolation import Grid, look_up
 from isogal.matching.pmht.hypotheses import NEGLIGIBLE, Hypotheses, at_same_time
-from isogal.matching.pmht.models import RARE, Models
+from isogal.matching.pmht.models import BIASED, RARE, Models
 from isogal.matching.pmht.rows import Rows, some
+from isogal.matching.pmht.states import BIAS, UNKNOWN
 
 FEATURE_M = 2000.0
 """Over which what a map shows within a cell holds together, and the size of large cells; those
@@ -211,6 +212,8 @@ class Seen:
             F = self.filters[models.lag[which[0]]]
             D = F @ (self.other + cell**2 * self.blur) @ F.T
             D += np.diag(models.noise[which[0]] * self.noise)
+            if models.family[which[0]] == BIASED:  # passes a filter as it is
+                D += models.initial[which[0], BIAS - len(UNKNOWN)] ** 2
             factor = np.linalg.inv(np.linalg.cholesky(D))
             through = factor @ F
             values, vectors = np.linalg.eigh(through @ self.shape @ through.T)

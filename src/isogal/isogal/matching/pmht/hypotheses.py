@@ -465,10 +465,9 @@ def _of_neighbours(those: Hypotheses, new: Integers, count: int, there: Booleans
     mean[:, errors] *= ratio
     covariance[:, errors] *= ratio[..., None]
     covariance[:, :, errors] *= ratio[..., None]
-    from_exact = np.flatnonzero(sigma[old] == 0.0)
-    diagonal = np.arange(BATCH_STATES, BATCH_STATES + count)
-    initial = models.initial[new[from_exact], :count]
-    covariance[from_exact[:, None], diagonal, diagonal] = initial**2
+    begun = (models.initial[old] == 0.0) * models.initial[new] ** 2
+    diagonal = np.arange(BATCH_STATES, BATCH_STATES + begun.shape[1])
+    covariance[:, diagonal, diagonal] += begun
     less = np.where(there[new], NEGLIGIBLE, 0.0)
     log_weight = those.log_weight + prior[new] - prior[old] - less
     return Hypotheses(models, new, log_weight, mean, covariance)

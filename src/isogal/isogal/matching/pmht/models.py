@@ -62,6 +62,8 @@ LAGS, UNSURE_LAG = (15.0, 60.0), 0.5
 FINER_LAGS = (10.0, 20.0, 40.0, 80.0)
 """Those where a place is searched for, with half the 1-sigma: cells are ranked by time constants
 as they are, and with the two above one of 40 s was found in no cell."""
+DECADES = (10.0, 100.0, 1000.0)
+"""Factors of the noise's variance beside a filter, and where a place is searched for."""
 LATE_S = 20.0
 """1-sigma of a delay where none is specified."""
 COUPLING = 1e-3
@@ -119,6 +121,7 @@ FAULTS = (
     Fault(LATE, 0.02, delay=LATE_S),
     *(Fault(FILTERED, 0.02, lag=lag) for lag in LAGS),
     *(Fault(FILTERED, UNHEARD_OF, lag=lag, delay=LATE_S) for lag in LAGS),
+    *(Fault(FILTERED, 0.02 * RARE, factor, lag=lag) for lag in LAGS for factor in DECADES),
     Fault(SHAKEN, RARE, coupling=COUPLING),
     Fault(COARSE, 0.05),
     # satellites are wrong on a voyage in a thousand, times how likely what they say is then: as
@@ -160,7 +163,7 @@ class Models(NamedTuple):
     group: Integers
     """(M,) rising; models of one differ by the sigma of the map's error, which rises."""
     quieter: Integers
-    """(M,) the model which differs by the next smaller noise; -1 = none."""
+    """(M,) the model of the next smaller noise, or of the same and no filter; -1 = none."""
     log_prior: Array
     """(M,)."""
 
@@ -405,7 +408,10 @@ def table_of(
     shape = np.unique(np.stack([rough, length], axis=1), axis=0, return_inverse=True)[1]
     noisier = {(r[3].noise, *r[:2]): k for k, r in enumerate(rows) if r[3].family == NOISIER}
     less = dict(itertools.pairwise(sorted({key[0] for key in noisier}, reverse=True)))
-    quieter = [noisier.get((less.get(r[3].noise, 0.0), *r[:2]), -1) for r in rows]
+    quieter = [
+        noisier.get((r[3].noise if r[3].lag else less.get(r[3].noise, 0.0), *r[:2]), -1)
+        for r in rows
+    ]
     return Models(
         sigma,
         length,
@@ -426,21 +432,21 @@ def table_of(
     )
 
 
-def few(models: Models, noise: float) -> Models:
-    """Return the models by which a place is searched for: those without a fault but of the noise,
-    whose variances are a decade apart, or of a filter, whose time constants are a factor of two
-    apart, since cells are ranked by them as they are; of the usual length, with no map error and
-    with sigmas that are at least a factor of two apart, down to what readings of a 1-sigma can
-    distinguish."""
+def few(models: Models, noise: float, most: float) -> Models:
+    """Return the models by which a place is searched for: those without a fault but a bias, of the
+    noise, whose variances are a decade apart and at most so many times what is specified, or of a
+    filter, whose time constants are a factor of two apart, since cells are ranked by them as they
+    are; of the usual length, with no map error and with sigmas that are at least a factor of two
+    apart, down to what readings of a 1-sigma can distinguish."""
     index = np.arange(float(len(models.sigma)))
     every_second = (largest(index, models.group) - index) % 2.0 == 0.0  # step of SIGMA_STEP
     shown = every_second & (models.sigma > NARROW * noise * np.sqrt(models.noise))
-    delay = DELAY - len(UNKNOWN)
-    late = models.initial[:, delay] > models.initial[models.family == NONE, delay].max()
-    decade = np.isin(models.noise, 10.0 ** np.arange(4.0))
-    plain = (models.family == NONE) | (models.family == NOISIER) & decade
-    plain |= (models.family == FILTERED) & ~late & (models.lag == LAGS[0])
-    wanted = plain & (models.length == np.median(models.length)) & (shown | (models.sigma == 0.0))
+    later = models.initial[:, [DRIFT - len(UNKNOWN), DELAY - len(UNKNOWN)]]
+    single = (later <= later[models.family == NONE].max(axis=0)).all(axis=1)
+    wanted = np.isin(models.family, (NONE, BIASED, NOISIER))
+    wanted = single & (wanted | (models.family == FILTERED) & (models.lag == LAGS[0]))
+    wanted &= np.isin(models.noise, (1.0, *DECADES)) & (models.noise <= most)
+    wanted &= (models.length == np.median(models.length)) & (shown | (models.sigma == 0.0))
     part = Models._make(column[wanted] for column in models)
     part = _with_lags(part, np.flatnonzero(part.family == FILTERED))
     return part._replace(log_prior=part.log_prior - np.logaddexp.reduce(part.log_prior))
@@ -451,13 +457,13 @@ def _with_lags(models: Models, those: Integers) -> Models:
     `FINER_LAGS`."""
     if not those.size:
         return models
-    count, lag = len(those), np.repeat(FINER_LAGS, len(those))
+    lag = np.repeat(FINER_LAGS, len(those))
     every = np.insert(np.arange(len(models.lag)), those[0], np.tile(those, len(FINER_LAGS) - 1))
     models = Models._make(column[every] for column in models)
     new = slice(those[0], those[0] + len(lag))
     models.lag[new] = lag
     models.log_prior[new] += math.log(len(LAGS) / len(FINER_LAGS))
     models.initial[new, FILTER_ERROR - len(UNKNOWN)] = 0.5 * UNSURE_LAG * lag
-    models.group[new] += np.repeat(np.arange(len(FINER_LAGS)), count)
-    models.group[new.stop :] += len(FINER_LAGS) - 1
-    return models
+    each = np.stack([models.family, models.noise, models.lag])
+    begins = (each[:, 1:] != each[:, :-1]).any(axis=0)
+    return models._replace(group=np.cumsum(np.append(False, begins)))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
@@ -37,6 +38,8 @@ believes to be. Later looks find later a navigator that has diverged, earlier on
 as the fixes."""
 LIKELY = 0.5
 """Probability of the cells about a place from which on the readings of an hour speak for it."""
+THIRD = np.array([1.0, -3.0, 3.0, -1.0])
+"""What a third difference is of four readings."""
 DIVERGED_LOG_ODDS = math.log(UNHEARD_OF)
 """Of a navigator that has diverged, before any reading."""
 
@@ -258,7 +261,24 @@ def probability_at(diverged: Diverged, lead: FieldMemory, field_map: AnyMap, now
 def _seen(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> tuple[Seen, Array, Array]:
     """Return what cells are ranked by, and A and b of `unaided`."""
     rows, since, A, b = unaided(diverged.past, diverged.start)
-    return Seen.of(rows, since, field_map, few(lead.models, usual_noise(rows))), A, b
+    models = few(lead.models, usual_noise(rows), noisiest(rows))
+    return Seen.of(rows, since, field_map, models), A, b
+
+
+def noisiest(rows: Rows) -> float:
+    """Return the largest factor of the noise's variance for which readings do not change too
+    little from one to the next, whatever else they show: by the chi-square density of the mean
+    square of third differences, which are not independent of each other."""
+    least = math.inf
+    for channel in np.unique(rows.channel):
+        those = rows.channel == channel
+        third = np.diff(rows.level[those], n=3)
+        if len(third):
+            variance = np.convolve(rows.noise[those], THIRD**2, "valid")
+            freedom = len(third) / (np.correlate(THIRD, THIRD, "full") ** 2).sum() * 20.0**2
+            fewest = 2.0 * float(gammaincinv(0.5 * freedom, UNHEARD_OF))
+            least = min(least, freedom * float(np.mean(third**2 / variance)) / fewest)
+    return least
 
 
 def _share(seen: Seen, A: Array, b: Array, now: Array, wide: Array) -> float:
