@@ -11,7 +11,6 @@ from typer.models import OptionInfo
 from isogal.cli.checks import finite, output_file, output_folder
 
 if TYPE_CHECKING:
-    from isogal.montecarlo.study import Backend
     from isogal.scenario import Scenario
 
 RESULTS = "Results"
@@ -63,6 +62,12 @@ def flag(name: str, help_: str) -> OptionInfo:
     return option
 
 
+Workers = Annotated[
+    int | None, number("Processes on this machine; default: one for each core.", "N", least=1)
+]
+Scheduler = Annotated[str | None, text("ADDRESS", "Dask scheduler to use, e.g. tcp://host:8786.")]
+
+
 def written_folder(help_: str) -> OptionInfo:
     """Return the option of a folder that is written into, which is checked before all else."""
     option: OptionInfo = typer.Option(
@@ -105,24 +110,6 @@ class ScenarioChoice:
         for line in unlikely_sigmas(scenario):
             typer.echo(f"isogal: {line}", err=True)
         return scenario
-
-
-@dataclass(frozen=True)
-class Workers:
-    """Who computes."""
-
-    workers: Annotated[
-        int | None, number("Processes on this machine; default: one for each core.", "N", least=1)
-    ] = None
-    scheduler: Annotated[
-        str | None, text("ADDRESS", "Dask scheduler to use, e.g. tcp://host:8786.")
-    ] = None
-
-    def backend(self) -> "Backend":
-        """Return who computes as `isogal.montecarlo` wants it; raises InputError."""
-        from isogal.montecarlo.study import Backend
-
-        return Backend(self.workers, self.scheduler)
 
 
 @dataclass(frozen=True)
