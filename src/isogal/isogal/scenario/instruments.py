@@ -151,7 +151,7 @@ class Altimeter(Section):
         return self.beams if self.directions is None else len(self.directions)
 
     @model_validator(mode="after")
-    def _downward(self) -> "Altimeter":
+    def _possible(self) -> "Altimeter":
         for azimuth, slant in self.directions or ():
             if not (0.0 <= slant <= 75.0 and abs(azimuth) <= 360.0):
                 raise ValueError(
@@ -162,10 +162,6 @@ class Altimeter(Section):
             raise ValueError("message: scan is of a fan; directions needs points")
         if self.directions is not None and self.beams > 1:
             raise ValueError("beams: says nothing where directions gives the beams")
-        return self
-
-    @model_validator(mode="after")
-    def _some_range(self) -> "Altimeter":
         if self.min_range >= self.max_range:
             raise ValueError(
                 f"min_range ({self.min_range:g} m) must be below max_range ({self.max_range:g} m)"

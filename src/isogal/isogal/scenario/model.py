@@ -107,17 +107,13 @@ class Settings(Section):
         return self
 
     @model_validator(mode="after")
-    def _beams_in_time(self) -> Self:
+    def _possible_together(self) -> Self:
         late = self.gravimeter.delay, self.gravimeter.filter_time, self.gravimeter.delay_sigma
         if self.field == "terrain" and self.altimeter.sounds and any(late):
             raise ValueError(
                 "gravimeter.delay: an altimeter with several beams or a scale error cannot be"
                 " late, nor have a filter"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _tails_of_one_number(self) -> Self:
         of_potential = self.field == "gradient" and self.gradiometer.of_one_potential
         if self.map_error.tails is not None and of_potential:
             raise ValueError(
