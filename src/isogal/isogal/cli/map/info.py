@@ -103,9 +103,15 @@ def info(
     The expected accuracy is the bound on a fix from the readings of one stretch alone, for a
     position already known to within the linear range of the map, at route.height as in a run. The
     navigator's error (`isogal montecarlo`) is another: it adds what the INS and all fixes know."""
+    from isogal.maps.corridor import Corridor
+
     needed = map_.is_synthetic and where.window is None
     route = where.build() if needed else where.build_if_asked()
-    field_map = map_.load_part(where.part(route), route.measured if route else "gravity")
+    part, measured = where.part(route), route.measured if route else "gravity"
+    if isinstance(part, Corridor):
+        field_map: ScalarMap = map_.load_along(part, measured)
+    else:
+        field_map = map_.load(part, measured)
     described, track, stretches, along = describe_map(field_map), None, None, None
     if route is not None:
         track, stretches, along = _along(map_, field_map, route, where.margin, assumed)
@@ -127,7 +133,8 @@ def _along(
 ) -> "tuple[tuple[Array, Array], Stretches, Described]":
     """Return where readings along a route are (rad), what they tell, and both described, by the
     map at the height of the flight; raises InputError where that does not cover it."""
-    flown = map_.flown_along(field_map, route.settings, route.around(margin), route.measured)
+    source = map_.given(route.settings, route.measured)
+    flown = source.flown_along(route.settings.route.height, field_map, route.around(margin))
     try:
         track = route.readings_on(flown)
     except InputError as error:
