@@ -150,10 +150,11 @@ def motion_of(message: Odometry | bytes) -> Motion:
         frame, child = content.text(), content.text()
         numbers = np.array(content.take(f"{_NUMBERS}d"))
     else:
-        frame, child, numbers = message.header.frame_id, message.child_frame_id, numbers_of(message)
+        frame, child = message.header.frame_id, message.child_frame_id
+        numbers = numbers_of(message)
     linear, angular, rest = np.split(numbers[_TWIST - 6 :], (3, 6))
-    turn = numbers[[6, 3, 4, 5]]
-    return Motion(frame, child, turn, linear, angular, rest.reshape(6, 6)[:3, :3])
+    of_velocity = rest.reshape(6, 6)[:3, :3]
+    return Motion(frame, child, numbers[[6, 3, 4, 5]], linear, angular, of_velocity)
 
 
 def read_velocity(
