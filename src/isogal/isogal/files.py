@@ -86,6 +86,8 @@ def atomic_path(path: str | Path, sync: bool = True) -> Iterator[Path]:
         if (error.errno or 0) < 0:  # of a C library, which does not say what the system has said
             why += "; is the disk full?"
         raise InputError(f"{path}: cannot be written: {why}") from None
+    except RuntimeError as error:  # what C libraries raise, for example where the disk is full
+        raise InputError(f"{path}: cannot be written: {error}") from None
     finally:
         temporary.unlink(missing_ok=True)
 
