@@ -47,7 +47,7 @@ from isogal.scenario.map import Gravity, Map, MapError
 from isogal.scenario.matcher import Matcher
 from isogal.scenario.model import Assumed, Scenario, Settings, Truth
 from isogal.scenario.readings import Readings
-from isogal.scenario.section import describe, known_keys
+from isogal.scenario.section import known_keys, validated
 from isogal.scenario.truth import truth_of
 from isogal.scenario.vehicle import InitialError, Route
 
@@ -83,9 +83,9 @@ __all__ = [
     "Truth",
     "Velocity",
     "changed_scenario",
-    "describe",
     "known_keys",
     "load_scenario",
     "truth_of",
     "validate_scenario",
+    "validated",
 ]
