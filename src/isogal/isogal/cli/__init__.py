@@ -1,4 +1,4 @@
-"""The command line. `isogal.cli.main` knows all commands and imports one only when it is called.
+"""The command line. A command imports what it computes with when it is called.
 
 Commands
 
