@@ -41,8 +41,7 @@ def matcher_of_fields(
     for one in settings:
         require(one.name, "of_fields", "fields")
     kind = plugins.load(plugins.MATCHERS, settings[lead].name)
-    matcher: Matcher = kind.of_fields(settings, names, lead)
-    return matcher
+    return kind.of_fields(settings, names, lead)
 
 
 def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
