@@ -2,7 +2,7 @@
 
 Commands
 
-- `run`: ``isogal run``, ``replay`` and ``faults``, the graph of nodes.
+- `run`: ``isogal run``, ``replay``, ``faults`` and ``smooth``, the graph of nodes.
 - `montecarlo`: ``isogal montecarlo``, a scenario many times.
 - `paper`: ``isogal paper``, the reproduction of the paper.
 - `match`: ``isogal match``, a recorded track against a map.

@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from isogal import __version__
-from isogal.cli import bag, mag, montecarlo, paper, plan, run, smooth, view
+from isogal.cli import bag, mag, montecarlo, paper, plan, run, view
 from isogal.cli.errors import clean_errors, fail
 from isogal.cli.map.app import app as map_app
 from isogal.cli.match.command import match
@@ -67,7 +67,7 @@ app = typer.Typer(
     cls=_Isogal, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
 for _command in (
-    *(run.run, run.replay, smooth.smooth, run.faults, montecarlo.montecarlo, paper.paper),
+    *(run.run, run.replay, run.smooth, run.faults, montecarlo.montecarlo, paper.paper),
     *(match, bag.bag, view.view, view.compare, plan.plan),
 ):
     app.command()(_command)
