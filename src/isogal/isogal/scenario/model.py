@@ -24,14 +24,17 @@ from isogal.scenario.aids import (
     VelocityAid,
 )
 from isogal.scenario.fields import OF_FIELDS, FieldName, intervals_of, read_entries, settings_of
-from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
-from isogal.scenario.ins import Ins
-from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
-from isogal.scenario.integrity import Integrity
+from isogal.scenario.instruments import (
+    Altimeter,
+    Gradiometer,
+    Gravimeter,
+    Magnetometer,
+    Readings,
+)
 from isogal.scenario.map import Gravity, Map, MapError
 from isogal.scenario.matcher import Matcher
-from isogal.scenario.readings import Readings
+from isogal.scenario.navigator import Fusion, Ins, Integrity
 from isogal.scenario.section import Document, Section, validated
 from isogal.scenario.truth import SECTIONS as TRUE_SECTIONS
 from isogal.scenario.truth import check_names, true_section
