@@ -5,8 +5,7 @@ one.
 
 section      what do the sections share: strictness, validation in one line?
 vehicle      which keys describe the route and the initial errors?
-inertial     which keys describe the inertial sensors?
-imu_grades   which grades of them are there?
+inertial     which keys describe the inertial sensors, and which grades of them are there?
 data_sheet   how are the units of data sheets read?
 instruments  which keys describe gravimeter, magnetometer, altimeter, gradiometer, and recordings?
 aids         which keys describe sensors of height and velocity, and satellites?
