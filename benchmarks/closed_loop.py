@@ -64,7 +64,6 @@ def _one_line(
         sys.__excepthook__(kind, error, trace)
 
 
-sys.excepthook = _one_line
 _OPTIONS = {
     "--data": {"type": folder, "required": True, "help": "folder of the data"},
     "--out": {"type": Path, "required": True, "help": "folder of the results"},
@@ -90,7 +89,8 @@ def parser(
     doc: str | None, *names: str, **defaults: str | float | Path
 ) -> argparse.ArgumentParser:
     """Return a parser with those of the common options that are named, or have a default here; its
-    description is the script's docstring."""
+    description is the script's docstring. From then on what is wrong with an input is one line."""
+    sys.excepthook = _one_line
     made = argparse.ArgumentParser(
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
     )

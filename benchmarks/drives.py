@@ -8,7 +8,6 @@ the vertical, the satellites' speed as an odometer, and the barometer's height a
 or heights along the drive that are drawn from what the scenario assumes of map and barometer.
 """
 
-import argparse
 import math
 import sys
 from dataclasses import replace
@@ -137,7 +136,7 @@ def figures(rows: np.ndarray) -> str:
 
 def main() -> None:
     """Print a row of a table for each drive: by dead reckoning, with the map, and by particles."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = closed_loop.parser(__doc__)
     parser.add_argument("folder", type=closed_loop.folder)
     parser.add_argument("--only", default="", help="part of the name of a drive")
     parser.add_argument(

@@ -10,12 +10,15 @@ files."""
 
 import json
 import math
+import os
 import shutil
 import signal
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from multiprocessing import active_children
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +32,7 @@ from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.faults.catalogue import Fault
 from isogal_ros.graph.plan import Plan
-from isogal_ros.graph.running import Processes, run_processes
+from isogal_ros.graph.running import Progress, run_processes
 from isogal_ros.nodes.signals import interrupts
 
 LIMIT_MB, LIMIT_FILES = 5.0, 0
@@ -60,7 +63,7 @@ class Signals:
         self.over = False
         """Whether the fault has been done."""
 
-    def __call__(self, processes: Processes, simulated: float) -> None:
+    def __call__(self, processes: Mapping[str, BaseProcess], simulated: float) -> None:
         """Do what is due when the run is at a simulated time (s)."""
         if self._since == math.inf and simulated >= self._begin:
             self._since = time.monotonic()
@@ -71,11 +74,13 @@ class Signals:
         self._acts = not self._acts
         stop = signal.SIGKILL if self._fault.effect == "killed" else signal.SIGSTOP
         for name in self._fault.targets:
-            processes.send_signal(name, stop if self._acts else signal.SIGCONT)
+            if name in processes:
+                os.kill(int(processes[name].pid), stop if self._acts else signal.SIGCONT)
 
 
 class Soak:
-    """Looks at the processes, and does faults to them (`run_processes`)."""
+    """Looks at the processes of the nodes, and does faults to them, at each report of
+    `run_processes`."""
 
     def __init__(self, scenario: Scenario, per_hour: float, faults: Sequence[Fault]) -> None:
         duration = scenario.route.duration or 0.0
@@ -86,16 +91,18 @@ class Soak:
         self.seen: dict[str, list[tuple[float, float, int]]] = defaultdict(list)
         """Simulated time, MB, open files by node."""
 
-    def __call__(self, processes: Processes, simulated: float) -> None:
-        """Do what is due when the run is at a simulated time (s)."""
+    def __call__(self, progress: Progress) -> None:
+        """Do what is due."""
+        simulated, children = progress.simulated, {one.name: one for one in active_children()}
+        processes = {name: children[name] for name in EVERY_NODE if name in children}
         while self._faults and self._faults[0].over:
             del self._faults[0]
         if self._faults:
             self._faults[0](processes, simulated)
-        if time.monotonic() - self._looked < EVERY or simulated < 0.0:
+        if time.monotonic() - self._looked < EVERY:
             return
         self._looked = time.monotonic()
-        for name, process in processes.running.items():
+        for name, process in processes.items():
             try:
                 one = psutil.Process(process.pid)
                 memory = one.memory_full_info().uss / 1e6
@@ -142,7 +149,7 @@ def main() -> None:
             if checkpoint is not None:
                 checkpoint.mkdir()
             plan = Plan(scenario, folder / "bag", checkpoint=checkpoint)
-            run_processes(plan, folder / "log", interrupt, inject=soak)
+            run_processes(plan, folder / "log", interrupt, soak)
     finally:
         shutil.rmtree(folder)
     rows = soak.growth()

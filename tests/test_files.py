@@ -27,8 +27,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 BAD = [
     ("folder", False, "folder: is a folder, where a file is needed"),
     ("file", True, "file: is a file, where a folder is needed"),
-    ("file/new/x.csv", False, "file/new/x.csv: cannot be written: file is not a folder"),
-    ("file/new", True, "file/new: cannot be written: file is not a folder"),
+    ("file/new/x.csv", False, "file/new/x.csv: cannot be written: file: Not a directory"),
+    ("file/new", True, "file/new: cannot be written: file: Not a directory"),
 ]
 
 
@@ -44,10 +44,9 @@ def test_what_cannot_be_written_is_known_before(
     assert Path("file").read_text() == "kept"
 
 
-def test_a_folder_that_may_not_be_written_to(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != Path("folder"))
-    with pytest.raises(InputError, match="folder/new/x: cannot be written: folder may not be"):
-        check_output("folder/new/x")
+def test_a_file_system_that_refuses_what_its_permissions_allow() -> None:
+    with pytest.raises(InputError, match=r"^bag: /proc/x/y: cannot be written: /proc: No such"):
+        check_output("/proc/x/y", folder=True, where="bag: ")
 
 
 def test_a_full_disk_of_which_a_library_says_a_number_of_its_own(here: Path) -> None:

@@ -10,7 +10,8 @@ import pytest
 from isogal.maps.load import load_map
 
 
-def test_a_folder_that_is_not_there(capsys):
+def test_a_folder_that_is_not_there(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)  # which the parser replaces
     with pytest.raises(SystemExit):
         closed_loop.parser("", "data").parse_args(["--data", "nowhere"])
     assert "--data: nowhere: no such folder" in capsys.readouterr().err
@@ -22,6 +23,8 @@ def test_a_folder_that_is_not_there(capsys):
 @pytest.mark.parametrize("read", [load_map, open])
 def test_a_file_that_is_not_there(monkeypatch, capsys, read):
     monkeypatch.setattr(sys, "argv", ["/somewhere/study.py"])
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)  # which the parser replaces
+    closed_loop.parser("")
     with pytest.raises(Exception, match=r"no such file|No such file") as caught:
         read("nowhere/map.nc")
     sys.excepthook(caught.type, caught.value, caught.tb)

@@ -3,66 +3,57 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Annotated
 
 import pytest
+import typer
+from typer.main import get_command
 from typer.testing import CliRunner
 
-import isogal.cli
 from helpers.command_line import answer, call
 from isogal import __version__
 from isogal.cli import main
+from isogal.errors import InputError
 
 HEAVY = ("numpy", "numba", "scipy", "xarray", "pandas", "matplotlib", "rclpy", "dask")
 
 
-@pytest.fixture
-def sample(monkeypatch, tmp_path):
-    """Add commands that only fail, each in its own way, as if their modules lay in isogal.cli."""
-    (tmp_path / "sample_commands.py").write_text(
-        """
-from pathlib import Path
-from typing import Annotated
-import typer
-from isogal.errors import InputError
-
 def plain(runs: Annotated[int, typer.Option(min=1)] = 3, out: Path = Path("out")) -> None:
-    \"\"\"Do something.
+    """Do something.
 
     A sentence that the
     source breaks goes on.
-    \"\"\"
+    """
     print(f"{runs} runs into {out}")
 
+
 def bad_input() -> None:
-    raise InputError("scenario.yaml: route.speed:\\n must be positive")
+    raise InputError("scenario.yaml: route.speed:\n must be positive")
+
 
 def interrupted() -> None:
     raise KeyboardInterrupt
 
+
 def unreadable() -> None:
-    open("/nonexistent/file")
+    Path("/nonexistent/file").read_text()
+
 
 def defect() -> None:
     raise ZeroDivisionError("a defect, not an input")
 
-group = typer.Typer()
 
-@group.command()
-def first() -> None:
-    print("first")
-
-@group.command()
-def second() -> None:
-    raise InputError("second: no such map")
-""",
-        encoding="utf-8",
-    )
-    monkeypatch.setattr(isogal.cli, "__path__", [*isogal.cli.__path__, str(tmp_path)])
-    monkeypatch.delitem(sys.modules, "isogal.cli.sample_commands", raising=False)
-    for name in ("plain", "bad_input", "interrupted", "unreadable", "defect", "group"):
-        monkeypatch.setitem(
-            main.COMMANDS, name, main.Place("sample_commands", name, f"Help of {name}.")
-        )
+@pytest.fixture
+def sample(monkeypatch):
+    """Add commands that only fail, each in its own way."""
+    group = typer.Typer()
+    group.command("first")(plain)
+    group.command("second")(bad_input)
+    for kind in ("registered_commands", "registered_groups"):
+        monkeypatch.setattr(main.app, kind, [*getattr(main.app, kind)])
+    for command in (plain, bad_input, interrupted, unreadable, defect):
+        main.app.command(command.__name__)(command)
+    main.app.add_typer(group, name="group")
 
 
 def test_version_help_and_refusals_start_without_the_numerical_packages():
@@ -103,7 +94,9 @@ def test_the_program_as_a_process_tells_its_version(program):
 
 def test_help_lists_all_commands_and_each_has_its_own():
     listed = " ".join(answer("--help").split())
-    for name, command in main.COMMANDS.items():
+    commands = get_command(main.app).commands
+    assert len(commands) == 13
+    for name, command in commands.items():
         assert f"{name} {command.help.split()[0]}" in listed
         assert f"Usage: isogal {name}" in " ".join(answer(name, "--help").split())
     status, out, err = call()
@@ -120,7 +113,7 @@ def test_a_function_becomes_a_command_whose_help_fills_the_line(sample):
     ("arguments", "status", "message"),
     [
         (["bad_input"], 2, "isogal: scenario.yaml: route.speed: must be positive\n"),
-        (["group", "second"], 2, "isogal: second: no such map\n"),
+        (["group", "second"], 2, "isogal: scenario.yaml: route.speed: must be positive\n"),
         (["unreadable"], 2, "isogal: /nonexistent/file: No such file or directory\n"),
         (["interrupted"], 130, "isogal: interrupted\n"),
         (["plain", "--runs", "0"], 2, "isogal: Invalid value for '--runs'"),

@@ -47,7 +47,7 @@ def test_a_format_that_the_name_does_not_say(file, small_map):
     ("choice", "message"),
     [
         ({}, "the synthetic map has no end: give --window, --route or --scenario"),
-        ({"variable": "xi"}, "--variable xi: the synthetic map has height, ga and dg"),
+        ({"variable": "xi"}, "--variable: the synthetic map has height, ga and dg, not 'xi'"),
         ({"unit": "mGal"}, "--unit mGal: cannot be given for the synthetic map"),
         ({"format_name": "xyz"}, "--format xyz: cannot be given for the synthetic map"),
     ],

@@ -10,10 +10,11 @@ from itertools import pairwise, takewhile
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
 from helpers.packages import ROOT
 from helpers.pages import COMMANDS, blocks, named_files
-from isogal.cli.main import _load
+from isogal.cli.main import app
 from isogal.scenario import load_scenario
 
 PLACES = ("*.md", "docs/**/*.md", "examples/*/*.md", "src/*/*.md", "bags/*.md", "docker/*.md")
@@ -40,7 +41,7 @@ def shown(page: Path) -> Iterator[list[str]]:
 
 def check_command(words: list[str], names_of_plugins: bool) -> None:
     """Assert that the words after ``isogal`` are a command, its options and keys of a scenario."""
-    command, rest = _load(words[0]), words[1:]
+    command, rest = get_command(app), words
     while hasattr(command, "commands") and rest:
         command, rest = command.commands[rest[0]], rest[1:]
     known = {name for parameter in command.params for name in parameter.opts} | {"--help"}

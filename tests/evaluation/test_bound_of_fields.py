@@ -13,7 +13,7 @@ from isogal.maps.error_model import displacements, tensor_covariance
 from isogal.maps.potential import derivatives
 from isogal.maps.several import FieldMaps
 from isogal.scenario import Gradiometer, MapError, load_scenario, validate_scenario
-from isogal.sensors.gradiometer_errors import tilt_effect
+from isogal.sensors.gradiometer import tilt_effect
 from isogal.sensors.trajectory import build_trajectory
 
 FIELD = replace(

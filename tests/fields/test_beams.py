@@ -11,7 +11,7 @@ from isogal.fields.simulator import ReadingSimulator
 from isogal.inertial.rotations import matrix
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import load_scenario
-from isogal.sensors.beams import beam_directions, thinned
+from isogal.sensors.altimeter import beam_directions, thinned
 from isogal.sensors.reduction import State
 from isogal.sensors.trajectory import build_trajectory
 

@@ -16,7 +16,7 @@ from isogal.magnetics.terms import COUNT
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.scenario import load_scenario
-from isogal.scenario.imu_grades import parse as parse_grades
+from isogal.scenario.inertial import parse as parse_grades
 from isogal.tracks.csv_file import read_csv_tracks
 from isogal.tracks.recording import read_recording
 

@@ -11,7 +11,7 @@ from isogal.inertial.preintegration import preintegrate
 from isogal.inertial.rotations import multiply
 from isogal.inertial.strapdown import propagate
 from isogal.scenario import Fusion, Imu, Route, Scenario
-from isogal.sensors.imu_truth import true_samples
+from isogal.sensors.imu import true_samples
 from isogal.sensors.trajectory import build_trajectory
 
 GAUSS = np.polynomial.legendre.leggauss(5)

@@ -4,7 +4,7 @@ import pytest
 
 from isogal.errors import InputError
 from isogal.scenario import Imu, load_scenario, validate_scenario
-from isogal.scenario.imu_grades import PAPER_GRADES, built_in
+from isogal.scenario.inertial import PAPER_GRADES, built_in
 
 OWN = """\
 mine:

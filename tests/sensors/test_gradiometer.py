@@ -26,9 +26,9 @@ from isogal.scenario import (
     Scenario,
     load_scenario,
 )
-from isogal.sensors.gradiometer import GradientReduction
-from isogal.sensors.gradiometer_errors import (
+from isogal.sensors.gradiometer import (
     EOTVOS,
+    GradientReduction,
     noise_covariance,
     noise_of,
     tilt_effect,

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from isogal.errors import InputError
-from isogal.files import Json, write_atomic
+from isogal.files import Json, reading, write_atomic
 
 _FORMAT, VERSION = "isogal-checkpoint", 3
 LARGEST = 256 * 1024 * 1024
@@ -113,14 +113,12 @@ def load(
     InputError
         The file is damaged, of another version or of another owner, or too large.
     """
-    try:
+    with reading(path):
+        if not path.exists():
+            return None
         if path.stat().st_size > LARGEST:
             raise InputError(f"{path}: larger than {LARGEST} bytes")
         data = path.read_bytes()
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     return decode(data, owner, str(path), packages, restore)
 
 

@@ -26,19 +26,22 @@ def make_folder(folder: str | Path) -> None:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
 
 
-def check_output(path: str | Path, folder: bool = False) -> None:
-    """Raise InputError where a file (or a folder, with files in it) could not be written: to be
-    asked before what takes long."""
+def check_output(path: str | Path, folder: bool = False, where: str = "") -> None:
+    """Raise InputError, which begins with ``where``, if a file (or a folder, with files in it)
+    could not be written: to be asked before what takes long. It is tried, as some file systems
+    refuse what their permissions allow."""
     path = Path(path)
     if path.exists() and path.is_dir() != folder:
         what = "file, where a folder" if folder else "folder, where a file"
-        raise InputError(f"{path}: is a {what} is needed")
+        raise InputError(f"{where}{path}: is a {what} is needed")
     there = path if folder else path.parent
     while not there.exists():
         there = there.parent
-    if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
-        why = "may not be written to" if there.is_dir() else "is not a folder"
-        raise InputError(f"{path}: cannot be written: {there} {why}")
+    try:
+        with tempfile.TemporaryDirectory(prefix=".isogal-", dir=there):
+            pass
+    except OSError as error:
+        raise InputError(f"{where}{path}: cannot be written: {there}: {error.strerror}") from None
 
 
 @contextmanager
@@ -83,6 +86,8 @@ def atomic_path(path: str | Path, sync: bool = True) -> Iterator[Path]:
         if (error.errno or 0) < 0:  # of a C library, which does not say what the system has said
             why += "; is the disk full?"
         raise InputError(f"{path}: cannot be written: {why}") from None
+    except RuntimeError as error:  # what C libraries raise, for example where the disk is full
+        raise InputError(f"{path}: cannot be written: {error}") from None
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -12,7 +12,7 @@ from helpers.changed_messages import changed
 from isogal import plugins
 from isogal.fields.measured import fields
 from isogal.scenario import Altimeter, load_scenario
-from isogal.sensors.beams import beam_directions
+from isogal.sensors.altimeter import beam_directions
 from isogal_ros import topics
 from isogal_ros.bags.record import Collector
 from isogal_ros.messages.adapter import adapter_of, topics_in_use

@@ -1,8 +1,8 @@
-"""The command line. `isogal.cli.main` knows all commands and imports one only when it is called.
+"""The command line. A command imports what it computes with when it is called.
 
 Commands
 
-- `run`: ``isogal run``, ``replay`` and ``faults``, the graph of nodes.
+- `run`: ``isogal run``, ``replay``, ``faults`` and ``smooth``, the graph of nodes.
 - `montecarlo`: ``isogal montecarlo``, a scenario many times.
 - `paper`: ``isogal paper``, the reproduction of the paper.
 - `match`: ``isogal match``, a recorded track against a map.

@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import ScenarioChoice, flag, text, written_folder
+from isogal.cli.run import require_ros
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,7 +49,6 @@ def bag(
     unit counts: time[ms], height[ft], velocity_north[kn], heading[rad], value[mGal]. Where the
     scenario has no route of its own, that is the straight line from the first to the last
     place."""
-    from isogal.cli.run import require_ros
     from isogal.inertial.ins_file import read_ins_file
 
     require_ros("a recording")
@@ -64,6 +63,8 @@ def bag(
 
 def _changes(scenario: "Scenario", said: "InsFile") -> list[str]:
     """Return what a file says of the keys of a scenario."""
+    import numpy as np
+
     attitude = str(said.has_attitude).lower()
     found = ["ins.source=solution", f"ins.attitude={attitude}"]
     if scenario.route != type(scenario)().route:
@@ -82,6 +83,8 @@ def _changes(scenario: "Scenario", said: "InsFile") -> list[str]:
 def _readings(scenario: "Scenario", said: "InsFile", unit: str | None) -> "Array | None":
     """Return (N, 2) what the instrument sensed, by what was made of it with the INS's own state,
     and its 1-sigma, unit inside; None where there are no readings."""
+    import numpy as np
+
     from isogal.fields.measured import measured_field
     from isogal.inertial.rotations import matrix
     from isogal.maps.quantities import unit_factor

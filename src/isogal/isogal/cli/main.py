@@ -1,124 +1,40 @@
-"""The program ``isogal``. It knows the name and one line of each command, and imports a command
-only when it is called: ``isogal --help`` starts without NumPy and numba."""
+"""The program ``isogal``. Its commands import what they compute with when they are called:
+``isogal --help`` starts without NumPy and numba."""
 
-import importlib
 import io
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
-from typer.core import TyperCommand, TyperGroup
-from typer.main import get_command
+from typer.core import TyperGroup
 
 from isogal import __version__
+from isogal.cli import bag, mag, montecarlo, paper, plan, run, view
 from isogal.cli.errors import clean_errors, fail
+from isogal.cli.map.app import app as map_app
+from isogal.cli.match.command import match
 from isogal.threads import one_thread
 
 if TYPE_CHECKING:
-    from typer._click import Command, Context
+    from typer._click import Command
 
 
-class Place(NamedTuple):
-    """Where a command lives: ``attribute`` of ``isogal.cli.<module>`` is a function, or a
-    ``typer.Typer`` with commands of its own."""
-
-    module: str
-    attribute: str
-    help: str
-
-
-COMMANDS = {
-    "run": Place(
-        "run",
-        "run",
-        "Simulate a scenario with the navigator in the loop; write a bag, figures and a report.",
-    ),
-    "replay": Place(
-        "run",
-        "replay",
-        "Feed a recording to fresh matcher and filter nodes; say how far the fixes differ.",
-    ),
-    "smooth": Place(
-        "smooth", "smooth", "Say of each moment of a recorded voyage what all its data know of it."
-    ),
-    "faults": Place(
-        "run", "faults", "Run the nodes with faulty sensors, links and nodes; table of the harm."
-    ),
-    "montecarlo": Place(
-        "montecarlo",
-        "montecarlo",
-        "Run a scenario many times with other random numbers; write the statistics.",
-    ),
-    "paper": Place(
-        "paper",
-        "paper",
-        "Reproduce every table and figure of the paper, beside the paper's values.",
-    ),
-    "match": Place(
-        "match.command", "match", "Match a recorded track of any scalar field against a map."
-    ),
-    "bag": Place("bag", "bag", "Make a recording of a table of what an INS has said."),
-    "view": Place(
-        "view", "view", "Write one page to look through a run: map, errors, messages over time."
-    ),
-    "compare": Place("view", "compare", "Put runs or studies side by side."),
-    "plan": Place(
-        "plan", "plan", "Find the route on which the navigator arrives with the least error."
-    ),
-    "mag": Place("mag", "app", "Clean a magnetometer of the vehicle's own field."),
-    "map": Place("map.app", "app", "Look at maps, make, fetch and convert them."),
-}
-
-
-class _Deferred(TyperCommand):
-    """A command in the list of commands, which is imported when it is called."""
-
-    def make_context(
-        self,
-        info_name: str | None,
-        args: list[str],
-        parent: "Context | None" = None,
-        **extra: object,
-    ) -> "Context":
-        return _load(str(self.name)).make_context(info_name, args, parent=parent, **extra)
-
-
-def _load(name: str) -> "Command":
-    where = COMMANDS[name]
-    target = getattr(importlib.import_module(f"isogal.cli.{where.module}"), where.attribute)
-    if not isinstance(target, typer.Typer):
-        app = typer.Typer(add_completion=False)
-        app.command(name)(target)
-        target = app
-    command = get_command(target)
-    command.name = name
-    _fill_paragraphs(command)
-    return command
-
-
-def _fill_paragraphs(command: "Command", below: bool = True) -> None:
+def _fill_paragraphs(command: "Command") -> None:
     """Let the help of a command, which is its docstring, fill the width of the terminal: keep the
     paragraphs, join their lines."""
     if command.help:
         command.help = "\n\n".join(
             " ".join(paragraph.split()) for paragraph in command.help.split("\n\n")
         )
-    for one in getattr(command, "commands", {}).values() if below else ():
+    for one in getattr(command, "commands", {}).values():
         _fill_paragraphs(one)
 
 
 class _Isogal(TyperGroup):
     """The group of all commands, which ends every failure that a user can cause with one line."""
-
-    def __init__(self, **attributes: Any) -> None:
-        super().__init__(**attributes)
-        for name, where in COMMANDS.items():
-            self.add_command(
-                _Deferred(name, help=where.help, rich_markup_mode=self.rich_markup_mode)
-            )
 
     def main(self, args: Sequence[str] | None = None, *_: object, **__: object) -> NoReturn:
         """Run and exit; replaces the boxes in which typer would frame an error."""
@@ -127,7 +43,7 @@ class _Isogal(TyperGroup):
 
 @clean_errors
 def _call(group: _Isogal, args: list[str]) -> int:
-    _fill_paragraphs(group, below=False)
+    _fill_paragraphs(group)
     try:
         with group.make_context("isogal", args) as context:
             group.invoke(context)
@@ -150,6 +66,13 @@ def _call(group: _Isogal, args: list[str]) -> int:
 app = typer.Typer(
     cls=_Isogal, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
+for _command in (
+    *(run.run, run.replay, run.smooth, run.faults, montecarlo.montecarlo, paper.paper),
+    *(match, bag.bag, view.view, view.compare, plan.plan),
+):
+    app.command()(_command)
+app.add_typer(mag.app, name="mag")
+app.add_typer(map_app, name="map")
 
 
 def _show_version(value: bool) -> None:

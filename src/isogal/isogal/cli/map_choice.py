@@ -25,7 +25,6 @@ ARGUMENTS = "Arguments"
 SYNTHETIC = "synthetic"
 """Source that is no file."""
 SOURCE_HELP = "NetCDF, GeoTIFF, ICGEM or XYZ file, GGMplus folder, or 'synthetic'."
-_SYNTHETIC_VARIABLES = {"ga": "gravity", "dg": "disturbance", "height": "height"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,31 +91,19 @@ class MapChoice(SourceOptions):
 
     def load_along(self, corridor: "Corridor", measured: str = "gravity") -> "ScalarMap":
         """Read the map along a route, in parts if it is large; see `load`."""
-        from isogal.maps.tiled_map import map_along
-
         if self.is_synthetic:
             from isogal.maps.synthetic.synthetic_map import synthetic_map_along
 
             with Bars("tiles") as bars:
                 tiles = partial(bars, "tiles")
                 return synthetic_map_along(self._synthetic_quantity(measured), corridor, tiles)
+        from isogal.maps.tiled_map import map_along
+
         return map_along(self._read, corridor)
 
-    def load_flown(self, settings: "Settings", window: "Window", measured: str) -> "FieldMap":
-        """Read a window of the map at the height of the flight (`isogal.fields.source_map`), as
-        the runs of a scenario with this map have it; see `load`."""
-        source = self._given(settings, measured)
-        return source.flown(settings.route.height, window)
-
-    def flown_along(
-        self, field_map: "ScalarMap", settings: "Settings", corridor: "Corridor", measured: str
-    ) -> "ScalarMap":
-        """Return the map along a route, which has been read, at the height of the flight; see
-        `load_flown`."""
-        source = self._given(settings, measured)
-        return source.flown_along(settings.route.height, field_map, corridor)
-
-    def _given(self, settings: "Settings", measured: str) -> "GivenMap":
+    def given(self, settings: "Settings", measured: str) -> "GivenMap":
+        """Return the map as the source of a scenario's, which is continued to the height of the
+        flight as in its runs."""
         from isogal.fields.source_map import GivenMap
 
         named = {"source": self.source, "path": None, "variable": self.variable}
@@ -149,19 +136,14 @@ class MapChoice(SourceOptions):
         )
 
     def _synthetic_quantity(self, measured: str) -> str:
-        if self.variable is not None and self.variable not in _SYNTHETIC_VARIABLES:
-            raise InputError(
-                f"--variable {self.variable}: the synthetic map has height, ga and dg"
-            )
-        for name, value in (
-            ("--unit", self.unit),
-            ("--crs", self.crs),
-            ("--format", self.format_name),
-        ):
+        from isogal.maps.synthetic.synthetic_map import quantity_of
+
+        given = {"--unit": self.unit, "--crs": self.crs, "--format": self.format_name}
+        for name, value in given.items():
             if value is not None:
                 raise InputError(f"{name} {value}: cannot be given for the synthetic map")
-        named = self.quantity or _SYNTHETIC_VARIABLES.get(self.variable or "")
-        return named or measured
+        named = None if self.variable is None else quantity_of(self.variable, "--variable")
+        return self.quantity or named or measured
 
 
 def make_synthetic(quantity: str, window: "Window") -> "FieldMap":

@@ -10,7 +10,16 @@ import typer
 
 from isogal.cli.errors import INTERRUPTED, fail, note
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import MOST_RUNS, ScenarioChoice, StudyResults, Workers, flag, number, text
+from isogal.cli.options import (
+    MOST_RUNS,
+    ScenarioChoice,
+    Scheduler,
+    StudyResults,
+    Workers,
+    flag,
+    number,
+    text,
+)
 from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
@@ -25,7 +34,8 @@ def montecarlo(
     results: StudyResults,
     runs: Annotated[int, number("How many runs.", "N", least=1, most=MOST_RUNS)],
     chosen: ScenarioChoice,
-    workers: Workers,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     matcher: Annotated[
         str | None, text("NAME", "Matcher to use instead of the scenario's.")
     ] = None,
@@ -42,10 +52,10 @@ def montecarlo(
     from isogal.files import make_folder
     from isogal.montecarlo.progress import LiveProgress
     from isogal.montecarlo.store import Store
-    from isogal.montecarlo.study import compute_cases
+    from isogal.montecarlo.study import Backend, compute_cases
 
     settings = chosen.load(*([f"matcher.name={matcher}"] if matcher else ()))
-    backend = workers.backend()
+    backend = Backend(workers, scheduler)
     case = _checked_case(settings, runs, smooth)
     store = Store(results.runs)
     make_folder(results.out)

@@ -11,7 +11,6 @@ from typer.models import OptionInfo
 from isogal.cli.checks import finite, output_file, output_folder
 
 if TYPE_CHECKING:
-    from isogal.montecarlo.study import Backend
     from isogal.scenario import Scenario
 
 RESULTS = "Results"
@@ -44,43 +43,40 @@ def number(
     least, most : float, optional
         Smallest and largest number that are allowed.
     """
-    option: OptionInfo = typer.Option(
-        metavar=unit, callback=check, help=help_, min=least, max=most
-    )
-    return option
+    return typer.Option(metavar=unit, callback=check, help=help_, min=least, max=most)
 
 
 def text(metavar: str, help_: str, *names: str) -> OptionInfo:
     """Return an option that is a word or a file, in place of which `metavar` is shown; default of
     its names: the parameter's."""
-    option: OptionInfo = typer.Option(*names, metavar=metavar, help=help_)
-    return option
+    return typer.Option(*names, metavar=metavar, help=help_)
 
 
 def flag(name: str, help_: str) -> OptionInfo:
     """Return an option that is there or not."""
-    option: OptionInfo = typer.Option(name, help=help_)
-    return option
+    return typer.Option(name, help=help_)
+
+
+Workers = Annotated[
+    int | None, number("Processes on this machine; default: one for each core.", "N", least=1)
+]
+Scheduler = Annotated[str | None, text("ADDRESS", "Dask scheduler to use, e.g. tcp://host:8786.")]
 
 
 def written_folder(help_: str) -> OptionInfo:
     """Return the option of a folder that is written into, which is checked before all else."""
-    option: OptionInfo = typer.Option(
-        metavar="DIR", callback=output_folder, help=help_, rich_help_panel=RESULTS
-    )
-    return option
+    return typer.Option(metavar="DIR", callback=output_folder, help=help_, rich_help_panel=RESULTS)
 
 
 def written_file(metavar: str, help_: str, *suffixes: str) -> OptionInfo:
     """Return the option of a file that is written, which is checked before all else: whether it
     can be, and whether its name ends in one of the suffixes, if there are any."""
-    option: OptionInfo = typer.Option(
+    return typer.Option(
         metavar=metavar,
         callback=output_file(*suffixes),
         help=help_,
         rich_help_panel=RESULTS,
     )
-    return option
 
 
 @dataclass(frozen=True)
@@ -105,24 +101,6 @@ class ScenarioChoice:
         for line in unlikely_sigmas(scenario):
             typer.echo(f"isogal: {line}", err=True)
         return scenario
-
-
-@dataclass(frozen=True)
-class Workers:
-    """Who computes."""
-
-    workers: Annotated[
-        int | None, number("Processes on this machine; default: one for each core.", "N", least=1)
-    ] = None
-    scheduler: Annotated[
-        str | None, text("ADDRESS", "Dask scheduler to use, e.g. tcp://host:8786.")
-    ] = None
-
-    def backend(self) -> "Backend":
-        """Return who computes as `isogal.montecarlo` wants it; raises InputError."""
-        from isogal.montecarlo.study import Backend
-
-        return Backend(self.workers, self.scheduler)
 
 
 @dataclass(frozen=True)

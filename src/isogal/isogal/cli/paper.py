@@ -8,7 +8,7 @@ import typer
 
 from isogal.cli.montecarlo import ending_well
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import MOST_RUNS, StudyResults, Workers, number, text
+from isogal.cli.options import MOST_RUNS, Scheduler, StudyResults, Workers, number, text
 from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 @with_groups
 def paper(
     results: StudyResults,
-    workers: Workers,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     runs: Annotated[
         int, number("Runs of each case; the paper has 100.", "N", least=1, most=MOST_RUNS)
     ] = 100,
@@ -40,10 +41,11 @@ def paper(
     Writes report.html with all figures (PNG files beside it) and results.json. Finished runs are
     kept in DIR/runs: after Ctrl-C the same command goes on from there."""
     from isogal.montecarlo.progress import LiveProgress
+    from isogal.montecarlo.study import Backend
     from isogal.paper.cases import Plan
     from isogal.paper.study import reproduce
 
-    backend = workers.backend()
+    backend = Backend(workers, scheduler)
     plan = Plan(runs, None if map_ is None else str(Path(map_).expanduser()), duration)
     with ending_well(results.runs), LiveProgress("paper") as display:
         found, claims, page = reproduce(plan, results.out, backend, display)

@@ -103,7 +103,7 @@ def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanRes
 
     request = asked.request()
     scenario = chosen.load()
-    field_map = map_.load_flown(scenario, _around(request), "disturbance")
+    field_map = map_.given(scenario, "disturbance").flown(scenario.route.height, _around(request))
     check_coverage(field_map, *np.transpose([request.start, request.goal]))
     truth = fitting(scenario.true, field_map)
     with Bars("columns") as bars:

@@ -1,5 +1,5 @@
-"""``isogal run`` and ``isogal replay``: the graph of nodes, recorded, and recordings played to
-fresh nodes."""
+"""``isogal run``, ``replay``, ``faults`` and ``smooth``: the graph of nodes, recorded, and
+recordings played to fresh nodes."""
 
 import sys
 from dataclasses import dataclass
@@ -12,18 +12,6 @@ import typer
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json, ScenarioChoice, flag, number, text, written_folder
 from isogal.errors import InputError
-
-Domain = Annotated[
-    int | None,
-    typer.Option(
-        "--domain",
-        metavar="N",
-        min=0,
-        max=232,
-        help="ROS domain that must be used; the command ends with status 2 where others publish"
-        " its topics there. Default: ROS_DOMAIN_ID if none do, else one that is free.",
-    ),
-]
 
 
 @dataclass(frozen=True)
@@ -60,6 +48,47 @@ class ReplayChoice(ScenarioChoice, TopicChoice):
     ] = None
 
 
+@dataclass(frozen=True)
+class GraphChoice:
+    """How the graph is run, and watched meanwhile."""
+
+    in_process: Annotated[
+        bool, flag("--in-process", "All nodes in this process instead of one process each.")
+    ] = False
+    rate: Annotated[
+        float, number("Simulated seconds per second; 0 = as fast as possible.", least=0.0)
+    ] = 0.0
+    respawn: Annotated[
+        bool,
+        flag("--respawn", "Start a node that was killed again, from its checkpoint in --out."),
+    ] = False
+    live: Annotated[
+        bool, flag("--live", "Serve the page of `isogal view` to this machine meanwhile.")
+    ] = False
+    port: Annotated[
+        int, number("Of --live; default: any that is free.", "N", least=0, most=65535)
+    ] = 0
+    dashboard: Annotated[
+        bool, flag("--dashboard", "Show errors, fixes and messages in the terminal.")
+    ] = False
+    domain: Annotated[
+        int | None,
+        number(
+            "ROS domain that must be used; the command ends with status 2 where others publish"
+            " its topics there. Default: ROS_DOMAIN_ID if none do, else one that is free.",
+            "N",
+            least=0,
+            most=232,
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.port and not self.live:
+            raise InputError(f"--port {self.port}: goes with --live")
+        if self.respawn and self.in_process:
+            raise InputError("--respawn: nodes in one process cannot be started again one by one")
+
+
 def bag_of(source: Path) -> Path:
     """Return the recording of a run, by its folder, or what is a recording itself; raises
     InputError where there is nothing."""
@@ -71,32 +100,13 @@ def bag_of(source: Path) -> Path:
 @with_groups
 def run(
     chosen: ScenarioChoice,
-    in_process: Annotated[
-        bool, flag("--in-process", "All nodes in this process instead of one process each.")
-    ] = False,
+    how: GraphChoice,
     bag: Annotated[
         Path | None, written_folder("Folder of the recording; default: bag in --out.")
     ] = None,
     out: Annotated[Path, written_folder("Folder of summary, report and figures.")] = Path(
         "out/run"
     ),
-    rate: Annotated[
-        float, number("Simulated seconds per second; 0 = as fast as possible.", least=0.0)
-    ] = 0.0,
-    respawn: Annotated[
-        bool,
-        flag("--respawn", "Start a node that was killed again, from its checkpoint in --out."),
-    ] = False,
-    live: Annotated[
-        bool, flag("--live", "Serve the page of `isogal view` to this machine meanwhile.")
-    ] = False,
-    port: Annotated[
-        int, number("Of --live; default: any that is free.", "N", least=0, most=65535)
-    ] = 0,
-    dashboard: Annotated[
-        bool, flag("--dashboard", "Show errors, fixes and messages in the terminal.")
-    ] = False,
-    domain: Domain = None,
     json: Json = False,
 ) -> None:
     """Simulate a scenario with the navigator in the loop: four nodes and a recorder over DDS.
@@ -107,20 +117,11 @@ def run(
     from isogal_ros.graph import forkserver
 
     settings = chosen.load()
-    _check(port if not live else 0, respawn and in_process)
-    if not in_process:
+    if not how.in_process:
         forkserver.start()  # which imports what the nodes need while this process does
-    from isogal_ros.graph.commands import Manner, run_command
+    from isogal_ros.graph.commands import run_command
 
-    how = Manner(in_process, rate, respawn, domain, dashboard, page=live, port=port)
     raise typer.Exit(run_command(settings, out, bag, how=how, json=json))
-
-
-def _check(unused_port: int, respawn_in_process: bool) -> None:
-    if unused_port:
-        raise InputError(f"--port {unused_port}: goes with --live")
-    if respawn_in_process:
-        raise InputError("--respawn: nodes in one process cannot be started again one by one")
 
 
 @with_groups
@@ -176,6 +177,51 @@ def faults(
 
     status = faults_command(chosen.load(), out, trials=trials, quick=quick, json=json)
     raise typer.Exit(status)
+
+
+@with_groups
+def smooth(
+    chosen: ReplayChoice,
+    source: Annotated[
+        Path,
+        typer.Argument(metavar="BAG|RUN", help="Folder of a recording or run, or an MCAP file."),
+    ],
+    out: Annotated[
+        Path, written_folder("Folder for smoothed.csv, .geojson, .gpx and a bag.")
+    ] = Path("out/smooth"),
+    interval: Annotated[
+        float,
+        number(
+            "Seconds between the rows of the files, at least; the bag has every state.",
+            "S",
+            least=0.0,
+        ),
+    ] = 1.0,
+    json: Json = False,
+) -> None:
+    """Say of each moment of a recorded voyage where the vehicle was, by all data of the voyage:
+    those that came later, too.
+
+    The sensor messages are played to fresh nodes as by `isogal replay`. Where the truth was
+    recorded, the errors are printed. The scenario is the recording's own; --scenario names
+    another, --set changes keys."""
+    bag = _recording(source)
+    from isogal_ros.graph.commands import smooth_command
+
+    raise typer.Exit(smooth_command(bag, out, chosen, interval=interval, json=json))
+
+
+def _recording(source: Path) -> Path:
+    """Return the recording of a run; raises InputError where there is none, or it cannot be
+    read."""
+    bag = bag_of(source)
+    if bag.is_dir() and (source / "results.json").is_file() and not any(bag.glob("*.mcap*")):
+        raise InputError(
+            f"{source}: is a study, which has no recording; isogal montecarlo --smooth smooths its"
+            " runs"
+        )
+    require_ros("smooth")
+    return bag
 
 
 def require_ros(what: str = "run, replay and faults") -> None:

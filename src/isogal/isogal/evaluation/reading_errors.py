@@ -13,7 +13,7 @@ from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.maps.error_model import Chain, chained, decay, shares
 from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Altimeter, Gradiometer, Gravimeter, MapError
-from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
+from isogal.sensors.gradiometer import EOTVOS, tilt_effect
 from isogal.sensors.gravimeter_errors import accelerations
 from isogal.sensors.platform import mean_error
 from isogal.sensors.trajectory import Trajectory

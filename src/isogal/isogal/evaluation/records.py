@@ -3,8 +3,6 @@
 One type serves a single run (R = 1) and a Monte Carlo. Chunks of runs are joined by
 `Runs.concatenate` and kept on disk by `Runs.save`."""
 
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
-from isogal.files import atomic_path, unreadable
+from isogal.files import atomic_path, reading
 from isogal.fix import Candidates, Status
 
 Texts = NDArray[np.str_]
@@ -196,29 +194,15 @@ class Runs:
         InputError
             The file is missing, damaged, or of another format version.
         """
-        try:
-            with np.load(path, allow_pickle=False) as stored:
-                if (version := int(stored["format"])) != FORMAT:
-                    raise InputError(f"{path}: has format {version} of records, not {FORMAT}")
-                own = {name: stored[name] for name in _names(Runs) if _is_there(name, stored)}
-                names = {name: _OF_DETAIL + name for name in _names(RunDetail)}
-                detail = None
-                if all(key in stored for key in names.values()):
-                    detail = RunDetail(**{name: stored[key] for name, key in names.items()})
-                return Runs(**own, detail=detail)
-        except InputError:
-            raise
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-        except (
-            ValueError,
-            KeyError,
-            TypeError,
-            EOFError,
-            zipfile.BadZipFile,
-            zlib.error,
-        ) as error:
-            raise unreadable(path, "a record of runs") from error
+        with reading(path, "a record of runs"), np.load(path, allow_pickle=False) as stored:
+            if (version := int(stored["format"])) != FORMAT:
+                raise InputError(f"{path}: has format {version} of records, not {FORMAT}")
+            own = {name: stored[name] for name in _names(Runs) if _is_there(name, stored)}
+            names = {name: _OF_DETAIL + name for name in _names(RunDetail)}
+            detail = None
+            if all(key in stored for key in names.values()):
+                detail = RunDetail(**{name: stored[key] for name, key in names.items()})
+            return Runs(**own, detail=detail)
 
 
 def _is_there(name: str, stored: NpzFile) -> bool:

@@ -11,7 +11,7 @@ from isogal.inertial.rotations import matrix
 from isogal.maps.channels import RouteMap
 from isogal.scenario import Altimeter
 from isogal.seeds import generator
-from isogal.sensors.beams import beam_directions
+from isogal.sensors.altimeter import beam_directions
 from isogal.sensors.noise import Noise
 from isogal.sensors.trajectory import Trajectory
 

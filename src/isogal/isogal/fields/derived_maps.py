@@ -113,8 +113,7 @@ def _read(folder: Path) -> ChannelMap:
     # mapped: only values that are looked up take memory; a deleted file stays on disk as long as
     # it is mapped
     arrays = [np.memmap(path, mode="c") for path in sorted(folder.glob("*.array"))]
-    maps: ChannelMap = pickle.loads((folder / "maps.pickle").read_bytes(), buffers=arrays)
-    return maps
+    return pickle.loads((folder / "maps.pickle").read_bytes(), buffers=arrays)
 
 
 def _write(folder: Path, maps: ChannelMap) -> None:

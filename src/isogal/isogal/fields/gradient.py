@@ -7,8 +7,7 @@ from isogal.fields.source_map import MapSource
 from isogal.maps.channels import ChannelMap
 from isogal.maps.field_map import FieldMap
 from isogal.scenario import Settings, Truth
-from isogal.sensors.gradiometer import GradientReduction
-from isogal.sensors.gradiometer_errors import noise_covariance, noise_of, tilt_errors
+from isogal.sensors.gradiometer import GradientReduction, noise_covariance, noise_of, tilt_errors
 from isogal.sensors.noise import RunScans
 
 _REACH = 20_000.0

@@ -115,5 +115,4 @@ def _direction(truth: Truth, trajectory: Trajectory) -> Array:
     )
     every = np.arange(len(trajectory) + 1)
     whole = np.stack([np.interp(every, index, part) for part in field.T], axis=-1)
-    unit: Array = whole / np.sqrt((whole**2).sum(axis=-1, keepdims=True))
-    return unit
+    return whole / np.sqrt((whole**2).sum(axis=-1, keepdims=True))

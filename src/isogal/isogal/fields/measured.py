@@ -76,8 +76,7 @@ class MeasuredField:
 
 def field_named(name: str) -> MeasuredField:
     """Return a field; raises InputError where there is none of this name."""
-    field: MeasuredField = plugins.load(plugins.FIELDS, name, MeasuredField)
-    return field
+    return plugins.load(plugins.FIELDS, name, MeasuredField)
 
 
 def fields() -> dict[str, MeasuredField]:

@@ -26,9 +26,6 @@ from isogal.maps.tiled_map import Load, ScalarMap, TiledMap, map_along
 from isogal.scenario import Map, Settings
 
 SYNTHETIC = "synthetic"
-_SYNTHETIC_VARIABLES = {"ga": "gravity", "dg": "disturbance"} | {
-    name: name for name in ("gravity", "disturbance", "height")
-}
 _RIM_ON_GROUND = 20_000.0
 """m of the ground around a place that are taken into account at least."""
 _SomeMap = TypeVar("_SomeMap", bound=ScalarMap)
@@ -218,14 +215,10 @@ class MapSource:
     @property
     def _synthetic(self) -> str:
         """Quantity of the synthetic map."""
+        from isogal.maps.synthetic.synthetic_map import quantity_of
+
         variable = self.settings.variable
-        if variable is None:
-            return self.quantity or ""
-        if variable not in _SYNTHETIC_VARIABLES:
-            raise InputError(
-                f"map.variable: the synthetic map has height, ga and dg, not '{variable}'"
-            )
-        return _SYNTHETIC_VARIABLES[variable]
+        return (self.quantity or "") if variable is None else quantity_of(variable, "map.variable")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,8 +3,7 @@ soundings of several beams."""
 
 from isogal.fields.measured import MeasuredField
 from isogal.scenario import Settings
-from isogal.sensors.altimeter import TerrainReduction
-from isogal.sensors.beams import BeamReduction
+from isogal.sensors.altimeter import BeamReduction, TerrainReduction
 from isogal.sensors.reduction import Reduction
 
 

@@ -26,9 +26,9 @@ REST_SIGMA = 1e-3
 """m/s, 1-sigma of the velocity of a vehicle at rest: it trembles."""
 
 
-def zero_velocity(sigma: float = REST_SIGMA) -> VelocityReading:
+def zero_velocity() -> VelocityReading:
     """Return the measurement of a vehicle at rest."""
-    return VelocityReading(np.zeros(3), np.eye(3), math.inf, sigma)
+    return VelocityReading(np.zeros(3), np.eye(3), math.inf, REST_SIGMA)
 
 
 class Standstill:

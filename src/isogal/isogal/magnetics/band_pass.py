@@ -51,8 +51,7 @@ class Band:
             sos = butter(_ORDER, (self.low, self.high), "bandpass", fs=rate, output="sos")
         else:
             sos = butter(_ORDER, self.low, "highpass", fs=rate, output="sos")
-        filtered: Array = sosfiltfilt(sos, columns, axis=0)
-        return filtered
+        return sosfiltfilt(sos, columns, axis=0)
 
 
 def stretches(time: Array, usable: Booleans, interval: float) -> list[slice]:

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import reading, write_atomic
 from isogal.magnetics.readings import Readings
 from isogal.magnetics.terms import COUNT, EDDY, INDUCED, PERMANENT, SCALE, terms
-from isogal.scenario import describe
+from isogal.scenario import validated
 from isogal.yaml_text import parse_yaml
 
 _KEY = "isogal_magnetic_compensation"
@@ -126,10 +126,7 @@ def read_compensation(path: str | Path) -> Compensation:
         raise InputError(f"{path}: holds no compensation; it must begin with '{_KEY}: 1'")
     if document[_KEY] != 1:
         raise InputError(f"{path}: {_KEY}: is version {document[_KEY]}, known is 1")
-    try:
-        file = _File.model_validate(document)
-    except ValidationError as error:
-        raise InputError(f"{path}: {describe(error, _File)}") from None
+    file = validated(_File, document, where=f"{path}: ")
     groups = (PERMANENT, file.permanent), (INDUCED, file.induced), (EDDY, file.eddy)
     values = [section[name] for names, section in groups for name in names]
     currents, sigma = file.currents or {}, file.sigma or []

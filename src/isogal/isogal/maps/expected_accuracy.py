@@ -160,5 +160,4 @@ def _inverse(information: Array) -> Array:
     """Invert a 2 x 2 information matrix; all infinite where it leaves a direction open."""
     if np.linalg.cond(information) > 1e12 or not information.any():
         return np.full((2, 2), math.inf)
-    inverse: Array = np.linalg.inv(information).astype(np.float64)
-    return inverse
+    return np.linalg.inv(information).astype(np.float64)

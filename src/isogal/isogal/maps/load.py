@@ -77,8 +77,7 @@ def _format_of(path: Path) -> Format:
 
 
 def _named(name: str) -> Format:
-    found: Format = plugins.load(plugins.MAP_FORMATS, name, Format)
-    return found
+    return plugins.load(plugins.MAP_FORMATS, name, Format)
 
 
 def check_coverage(

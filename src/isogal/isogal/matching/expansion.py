@@ -23,8 +23,8 @@ from isogal.matching.parameters import Parameters
 from isogal.matching.reading_noise import scan_noise
 from isogal.matching.registry import able, require
 from isogal.scenario import Assumed, Gradiometer
-from isogal.sensors.beams import PARTS
-from isogal.sensors.gradiometer_errors import EOTVOS, tilt_effect
+from isogal.sensors.altimeter import PARTS
+from isogal.sensors.gradiometer import EOTVOS, tilt_effect
 
 
 class Expansion(Protocol):

@@ -3,14 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from isogal import plugins
 from isogal.errors import InputError
 from isogal.fields.measured import field_named
 from isogal.matching.interfaces import Matcher
 from isogal.matching.update_schedule import UpdateSchedule
-from isogal.scenario import Assumed, describe
+from isogal.scenario import Assumed, validated
 from isogal.scenario import Matcher as MatcherSettings
 
 Options = TypeVar("Options", bound=BaseModel)
@@ -41,8 +41,7 @@ def matcher_of_fields(
     for one in settings:
         require(one.name, "of_fields", "fields")
     kind = plugins.load(plugins.MATCHERS, settings[lead].name)
-    matcher: Matcher = kind.of_fields(settings, names, lead)
-    return matcher
+    return kind.of_fields(settings, names, lead)
 
 
 def load_matcher(settings: MatcherSettings, channels: bool = False) -> Matcher:
@@ -93,7 +92,4 @@ def check_options(matcher: str, options: Mapping[str, Any], model: type[Options]
     """Validate ``matcher.options`` against the pydantic model of one matcher; raises InputError
     with one line.
     """
-    try:
-        return model(**options)
-    except ValidationError as error:
-        raise InputError(f"matcher.options of {matcher}: {describe(error, model)}") from None
+    return validated(model, options, where=f"matcher.options of {matcher}: ")

@@ -11,7 +11,7 @@ from isogal.maps.load import check_coverage
 from isogal.montecarlo.cases import Case
 from isogal.paper.published import GAIN_TIME, LOW, ROWS
 from isogal.scenario import Scenario, validate_scenario
-from isogal.scenario.imu_grades import PAPER_GRADES
+from isogal.scenario.inertial import PAPER_GRADES
 from isogal.scenario.section import Document
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 

@@ -25,7 +25,7 @@ from isogal.paper.iterations import Snapshot, follow_iterations
 from isogal.paper.lookups import ProfileExample, WindowExample, profile_example, window_example
 from isogal.paper.published import PublishedRow
 from isogal.scenario import Truth
-from isogal.scenario.imu_grades import PAPER_GRADES
+from isogal.scenario.inertial import PAPER_GRADES
 from isogal.sensors.trajectory import build_trajectory
 
 INSTANTS = (0.5, 1.0, 2.0, 3.0, 3.5)

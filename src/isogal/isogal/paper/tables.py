@@ -134,13 +134,6 @@ def aiding_table(results: Results) -> Table:
 
 def claims_table(claims: Sequence[Claim]) -> Table:
     """Return every claim with what was measured and the verdict."""
-    cells = [
-        {
-            "where": claim.where,
-            "claim": claim.claim,
-            "measured here": claim.measured,
-            "verdict": claim.verdict,
-        }
-        for claim in claims
-    ]
-    return _table("What the paper says, and what is found here.", cells)
+    rows = [(claim.where, claim.claim, claim.measured, claim.verdict) for claim in claims]
+    header = "where", "claim", "measured here", "verdict"
+    return Table("What the paper says, and what is found here.", header, rows)

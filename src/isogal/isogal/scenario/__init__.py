@@ -5,19 +5,15 @@ one.
 
 section      what do the sections share: strictness, validation in one line?
 vehicle      which keys describe the route and the initial errors?
-inertial     which keys describe the inertial sensors?
-ins          which keys describe the solution of an INS?
-imu_grades   which grades of them are there?
+inertial     which keys describe the inertial sensors, and which grades of them are there?
 data_sheet   how are the units of data sheets read?
-instruments  which keys describe the gravimeter, magnetometer, altimeter and gradiometer?
+instruments  which keys describe gravimeter, magnetometer, altimeter, gradiometer, and recordings?
 aids         which keys describe sensors of height and velocity, and satellites?
-readings     which keys describe recorded readings?
 map          which keys describe the map, its error and the gravity vector?
 matcher      which keys describe the map matcher?
 fields       how does a scenario have several fields?
 truth        where do the true values differ from those that are assumed?
-fusion       which keys describe the navigator's filter?
-integrity    which keys describe the protection level?
+navigator    which keys describe the solution of an INS, the filter, and the protection level?
 model        which sections has a scenario, and what is assumed or true by it?
 loading      how is a file read, and how are single keys overridden?"""
 
@@ -30,9 +26,7 @@ from isogal.scenario.aids import (
     PositionAid,
     Velocity,
 )
-from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu, ImuErrors, SensorErrors
-from isogal.scenario.ins import Ins
 from isogal.scenario.instruments import (
     TENSOR_COMPONENTS,
     Aircraft,
@@ -40,14 +34,14 @@ from isogal.scenario.instruments import (
     Gradiometer,
     Gravimeter,
     Magnetometer,
+    Readings,
 )
-from isogal.scenario.integrity import Integrity
 from isogal.scenario.loading import changed_scenario, load_scenario, validate_scenario
 from isogal.scenario.map import Gravity, Map, MapError
 from isogal.scenario.matcher import Matcher
 from isogal.scenario.model import Assumed, Scenario, Settings, Truth
-from isogal.scenario.readings import Readings
-from isogal.scenario.section import describe, known_keys
+from isogal.scenario.navigator import Fusion, Ins, Integrity
+from isogal.scenario.section import known_keys, validated
 from isogal.scenario.truth import truth_of
 from isogal.scenario.vehicle import InitialError, Route
 
@@ -83,9 +77,9 @@ __all__ = [
     "Truth",
     "Velocity",
     "changed_scenario",
-    "describe",
     "known_keys",
     "load_scenario",
     "truth_of",
     "validate_scenario",
+    "validated",
 ]

@@ -24,10 +24,23 @@ Times = Annotated[tuple[tuple[float, float], ...], AfterValidator(_in_order)]
 AidName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
 
-class Height(Section):
+class _Aid(Section):
+    """A sensor beside the IMU; one of a list has a name."""
+
+    stem: ClassVar[str]
+
+    @property
+    def prefix(self) -> str:
+        """What the names of its states and random streams begin with."""
+        name = getattr(self, "name", None)
+        return self.stem if name is None else f"{self.stem}_{name}"
+
+
+class Height(_Aid):
     """Where the navigator's height comes from, and what is known of its errors. All but white
     noise are errors that the filter carries as states and the matcher allows for."""
 
+    stem: ClassVar[str] = "height"
     errors: ClassVar[tuple[str, ...]] = ("sigma", "bias", "scale", "weather_sigma")
     delay: ClassVar[float] = 0.0
     available: ClassVar[None] = None
@@ -56,11 +69,6 @@ class Height(Section):
         """Whether a sensor measures it."""
         return self.source != "scenario"
 
-    @property
-    def prefix(self) -> str:
-        """What the names of its states and random streams begin with."""
-        return "height"
-
     def together(self, others: "Sequence[Height]") -> "Height":
         """Return one sensor in place of this and others: its errors are what weights by inverse
         variances leave of theirs, which are independent."""
@@ -86,13 +94,8 @@ class HeightAid(Height):
     truth: Document = Field(default_factory=dict)
     """its keys as they really are, where they differ; 3x = three times what is assumed"""
 
-    @property
-    def prefix(self) -> str:
-        """See `Height`."""
-        return f"height_{self.name}"
 
-
-class _OfKind(Section):
+class _OfKind(_Aid):
     """A section whose errors are those of its kind where they are null."""
 
     kinds: ClassVar[Mapping[str, NamedTuple]]
@@ -135,6 +138,7 @@ of such instruments' data sheets."""
 class Velocity(_OfKind):
     """A sensor of the vehicle's velocity in body axes."""
 
+    stem: ClassVar[str] = "velocity"
     errors: ClassVar[tuple[str, ...]] = ("sigma", "scale", "misalignment", "current_sigma")
     kinds: ClassVar[Mapping[str, NamedTuple]] = KINDS
     delay: ClassVar[float] = 0.0
@@ -174,12 +178,6 @@ class Velocity(_OfKind):
         return () if self.kind == "none" else KINDS[self.kind].axes
 
     @property
-    def prefix(self) -> str:
-        """What the names of its states and random streams begin with, but for those of what it
-        moves through."""
-        return "velocity"
-
-    @property
     def medium(self) -> str:
         """What the names of the states begin with of what it moves through, which is the same for
         all sensors in one."""
@@ -194,11 +192,6 @@ class VelocityAid(Velocity):
     """what it is called, velocity/NAME/data_raw"""
     truth: Document = Field(default_factory=dict)
     """its keys as they really are, where they differ; 3x = three times what is assumed"""
-
-    @property
-    def prefix(self) -> str:
-        """See `Velocity`."""
-        return f"velocity_{self.name}"
 
 
 class Deception(Section):
@@ -223,10 +216,11 @@ class Deception(Section):
         return self
 
 
-class PositionAid(Section):
+class PositionAid(_Aid):
     """One of the aids of the list `positions`, which say where the vehicle is: acoustic or radar
     positions, a camera's, a person's. Errors as those of `Gnss`."""
 
+    stem: ClassVar[str] = "position"
     errors: ClassVar[tuple[str, ...]] = ("sigma", "correlated_sigma")
 
     name: AidName | None = None
@@ -253,11 +247,6 @@ class PositionAid(Section):
     """its keys as they really are, where they differ; 3x = three times what is assumed"""
 
     @property
-    def prefix(self) -> str:
-        """What the names of its states and random streams begin with."""
-        return "position" if self.name is None else f"position_{self.name}"
-
-    @property
     def unequal(self) -> tuple[float, float, float]:
         """Errors to the north, east and down as multiples of those to the north."""
         return (1.0, 1.0, self.vertical)
@@ -266,10 +255,7 @@ class PositionAid(Section):
 class SatellitePosition(PositionAid):
     """The positions of a satellite receiver."""
 
-    @property
-    def prefix(self) -> str:
-        """See `PositionAid`."""
-        return "gnss"
+    stem: ClassVar[str] = "gnss"
 
 
 class _HeadingKind(NamedTuple):
@@ -293,6 +279,7 @@ differs from the heading by the angle of crab. The numbers are of the order of d
 class HeadingAid(_OfKind):
     """One of the aids of the list `headings`, which say where the bow points."""
 
+    stem: ClassVar[str] = "heading"
     errors: ClassVar[tuple[str, ...]] = ("sigma", "bias", "correlated_sigma")
     kinds: ClassVar[Mapping[str, NamedTuple]] = HEADINGS
 
@@ -319,11 +306,6 @@ class HeadingAid(_OfKind):
     """s by which a reading comes after its own time, which it is stamped with"""
     truth: Document = Field(default_factory=dict)
     """its keys as they really are, where they differ; 3x = three times what is assumed"""
-
-    @property
-    def prefix(self) -> str:
-        """What the names of its states and random streams begin with."""
-        return "heading" if self.name is None else f"heading_{self.name}"
 
 
 class Gnss(Section):

@@ -151,7 +151,7 @@ class Altimeter(Section):
         return self.beams if self.directions is None else len(self.directions)
 
     @model_validator(mode="after")
-    def _downward(self) -> "Altimeter":
+    def _possible(self) -> "Altimeter":
         for azimuth, slant in self.directions or ():
             if not (0.0 <= slant <= 75.0 and abs(azimuth) <= 360.0):
                 raise ValueError(
@@ -162,10 +162,6 @@ class Altimeter(Section):
             raise ValueError("message: scan is of a fan; directions needs points")
         if self.directions is not None and self.beams > 1:
             raise ValueError("beams: says nothing where directions gives the beams")
-        return self
-
-    @model_validator(mode="after")
-    def _some_range(self) -> "Altimeter":
         if self.min_range >= self.max_range:
             raise ValueError(
                 f"min_range ({self.min_range:g} m) must be below max_range ({self.max_range:g} m)"
@@ -244,3 +240,35 @@ class Gradiometer(Section):
         if not (symmetric and np.linalg.eigvalsh(matrix).min() > 0.0):
             raise ValueError("covariance_eotvos: must be symmetric and positive definite")
         return self
+
+
+SENSED = ("raw", "total_field", "tmi", "mag_raw", "scalar", "clearance", "range")
+"""Columns that hold what an instrument senses."""
+
+
+class Readings(Section):
+    """Recorded readings of the instrument along the recorded track of `route.track`."""
+
+    source: str | None = None
+    """file with columns of time and readings; null = readings are simulated. Nothing of map_error
+    is drawn then: the map and its error are real"""
+    column: str | None = None
+    """its column (or NetCDF variable); null = by the names that the field's values have"""
+    unit: str | None = None
+    """of the column; null = as the file says, else mGal, nT or m by the field"""
+    content: Literal["auto", "map", "sensor"] = "auto"
+    """what the column holds: map = values as the map has them, such as free-air anomalies, which
+    are not reduced again; sensor = what the instrument senses; auto = map, but for columns raw,
+    total_field, tmi, mag_raw, scalar, clearance and range"""
+
+    @property
+    def recorded(self) -> bool:
+        """Whether readings are recorded ones."""
+        return self.source is not None
+
+    @property
+    def reduced(self) -> bool:
+        """Whether they are values of the map already."""
+        if self.content != "auto":
+            return self.recorded and self.content == "map"
+        return self.recorded and (self.column or "").casefold() not in SENSED

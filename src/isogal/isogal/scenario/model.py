@@ -24,14 +24,17 @@ from isogal.scenario.aids import (
     VelocityAid,
 )
 from isogal.scenario.fields import OF_FIELDS, FieldName, intervals_of, read_entries, settings_of
-from isogal.scenario.fusion import Fusion
 from isogal.scenario.inertial import Imu
-from isogal.scenario.ins import Ins
-from isogal.scenario.instruments import Altimeter, Gradiometer, Gravimeter, Magnetometer
-from isogal.scenario.integrity import Integrity
+from isogal.scenario.instruments import (
+    Altimeter,
+    Gradiometer,
+    Gravimeter,
+    Magnetometer,
+    Readings,
+)
 from isogal.scenario.map import Gravity, Map, MapError
 from isogal.scenario.matcher import Matcher
-from isogal.scenario.readings import Readings
+from isogal.scenario.navigator import Fusion, Ins, Integrity
 from isogal.scenario.section import Document, Section, validated
 from isogal.scenario.truth import SECTIONS as TRUE_SECTIONS
 from isogal.scenario.truth import check_names, true_section
@@ -107,17 +110,13 @@ class Settings(Section):
         return self
 
     @model_validator(mode="after")
-    def _beams_in_time(self) -> Self:
+    def _possible_together(self) -> Self:
         late = self.gravimeter.delay, self.gravimeter.filter_time, self.gravimeter.delay_sigma
         if self.field == "terrain" and self.altimeter.sounds and any(late):
             raise ValueError(
                 "gravimeter.delay: an altimeter with several beams or a scale error cannot be"
                 " late, nor have a filter"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _tails_of_one_number(self) -> Self:
         of_potential = self.field == "gradient" and self.gradiometer.of_one_potential
         if self.map_error.tails is not None and of_potential:
             raise ValueError(

@@ -3,8 +3,7 @@
 trajectory      the true route, and what a perfect inertial sensor measures on it
 recorded_track  the same along a recorded track
 smoothness      how smooth the splines of its positions are
-imu             inertial sensors with the errors of a data sheet
-imu_truth       what a perfect IMU measures that is faster than the navigator
+imu             inertial sensors with the errors of a data sheet, and what perfect ones measure
 imu_model       what a navigator assumes of them
 barometer       height from pressure, in air and in water
 velocity_aid    velocity in body axes: Doppler log, odometer, log, airspeed
@@ -18,8 +17,6 @@ gravimeter_errors  all that it adds to its readings, and which are missing
 platform        its platform, where that is not level
 lag             its low-pass filter and delay
 magnetometer    the anomaly of the total magnetic field
-altimeter       terrain height by the clearance above ground
-beams           an altimeter that has several beams
-gradiometer     components of the gravity gradient tensor
-gradiometer_errors  its tilted platform, components that drift
+altimeter       terrain height by the clearance above ground, of one beam or several
+gradiometer     components of the gravity gradient tensor, its tilt and its drift
 """

@@ -89,12 +89,7 @@ def _no_map(places: Array) -> FieldMap:
 
 
 def viewed_run(
-    collector: Collector,
-    field_map: "RouteMap",
-    title: str,
-    subtitle: str = "",
-    *,
-    without_readings: bool = False,
+    collector: Collector, field_map: "RouteMap", title: str, *, without_readings: bool = False
 ) -> ViewedRun | None:
     """Return what was collected so far; None before the first scan.
 
@@ -105,8 +100,8 @@ def viewed_run(
     ----------
     field_map : RouteMap
         That it was matched against.
-    title, subtitle : str
-        Shown; an empty subtitle says what was run.
+    title : str
+        Shown.
     without_readings : bool
         Whether states stand for scans where there are no readings.
     """
@@ -117,9 +112,9 @@ def viewed_run(
     runs = record_of(collector, field_map, without_readings)
     if runs is None:
         return None
-    subtitle = subtitle or subtitle_of(runs, collector.scenario)
-    aids = uses_of(collector.aids)
-    return ViewedRun(runs, collector.scenario, title, subtitle, collector.said, is_true, aids)
+    scenario, aids = collector.scenario, uses_of(collector.aids)
+    subtitle = subtitle_of(runs, scenario)
+    return ViewedRun(runs, scenario, title, subtitle, collector.said, is_true, aids)
 
 
 def uses_of(said: Sequence[Event]) -> list[AidUse]:

@@ -6,7 +6,6 @@ import os
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread, get_native_id
 from typing import TYPE_CHECKING, Any
@@ -42,7 +41,7 @@ from isogal_ros.graph.watching import Watch, watching
 from isogal_ros.nodes.signals import interrupts
 
 if TYPE_CHECKING:
-    from isogal.cli.run import ReplayChoice
+    from isogal.cli.run import GraphChoice, ReplayChoice
 
 FAILED = 1
 NO_FIXES = f"no fixes in the recording ({topics.FIX.name}) to compare with"
@@ -50,30 +49,9 @@ TOLERANCE = 1.0
 """m, by which the fixes of a replay may differ where the user has changed nothing."""
 
 
-@dataclass(frozen=True)
-class Manner:
-    """How the graph is run, and watched meanwhile."""
-
-    in_process: bool = False
-    """Whether all nodes are in this process."""
-    rate: float = 0.0
-    """Simulated seconds per second; 0 = as fast as the graph can."""
-    respawn: bool = False
-    """Whether nodes that were killed are started again, from checkpoints in the folder of the
-    results; of processes only."""
-    domain: int | None = None
-    """ROS domain that must be used; None = see `isogal_ros.graph.domain.graph_domain`."""
-    dashboard: bool = False
-    """Whether the terminal shows a dashboard."""
-    page: bool = False
-    """Whether a page is served on this machine."""
-    port: int = 0
-    """Of the page; 0 = any that is free."""
-
-
 @shared_maps()
 def run_command(
-    scenario: Scenario, out: Path, bag: Path | None, *, how: Manner, json: bool
+    scenario: Scenario, out: Path, bag: Path | None, *, how: "GraphChoice", json: bool
 ) -> int:
     """Run the graph, evaluate its recording and print the summary; return the exit status.
 
@@ -84,7 +62,7 @@ def run_command(
         Folder of summary, report and figures.
     bag : Path, optional
         Folder of the recording; None = ``bag`` in `out`, whose earlier one is replaced.
-    how : Manner
+    how : GraphChoice
     json : bool
         Whether the summary is printed as JSON.
 
@@ -106,7 +84,7 @@ def run_command(
     checkpoint = _fresh_checkpoints(out / "checkpoint") if survives else None
     plan = Plan(scenario, folder, rate=how.rate, checkpoint=checkpoint, domain=how.domain)
     watch = Watch(scenario, trajectory, first_map(field_map), folder)
-    shown = watching(watch, dashboard=how.dashboard, page=how.page, port=how.port)
+    shown = watching(watch, dashboard=how.dashboard, page=how.live, port=how.port)
     begun = time.monotonic()
     Thread(target=_load_plotting, daemon=True).start()
     try:

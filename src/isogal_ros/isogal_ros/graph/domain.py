@@ -16,7 +16,7 @@ from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.messages.adapter import topics_in_use
-from isogal_ros.nodes.middleware import set_profiles
+from isogal_ros.nodes.middleware import listening_node, set_profiles
 
 DOMAIN = "ROS_DOMAIN_ID"
 DISCOVERY = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -192,15 +192,5 @@ def local_context(domain: int, context: Context | None = None) -> Iterator[Conte
 @contextmanager
 def quiet_node(name: str, domain: int) -> Iterator[Node]:
     """Yield a node that only listens, in a context of its own in a domain."""
-    with local_context(domain) as context:
-        node = rclpy.create_node(
-            name,
-            context=context,
-            use_global_arguments=False,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-        try:
-            yield node
-        finally:
-            node.destroy_node()
+    with local_context(domain) as context, listening_node(name, context) as node:
+        yield node

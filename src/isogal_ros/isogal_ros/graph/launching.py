@@ -18,6 +18,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, field_validator
 
 from isogal.errors import InputError
+from isogal.files import check_output
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
@@ -212,9 +213,9 @@ def check(values: Mapping[str, str], words: Sequence[str], file: str) -> Launche
             raise InputError(
                 f"bag: {arguments.bag!r}: there is something already; give a new folder"
             )
-        _check_new_folder("bag", arguments.bag)
+        check_output(arguments.bag, folder=True, where="bag: ")
     if arguments.checkpoint:
-        _check_new_folder("checkpoint", arguments.checkpoint)
+        check_output(arguments.checkpoint, folder=True, where="checkpoint: ")
     # last, as it takes longest
     scenario = _check_params(arguments, keys)
     checkpoint = arguments.checkpoint
@@ -256,16 +257,3 @@ def _check_params(arguments: Arguments, keys: Mapping[str, JsonValue]) -> Scenar
     for one in scenarios:
         checked(one, simulated=not real)
     return scenario
-
-
-def _check_new_folder(name: str, path: str) -> None:
-    """Raise InputError, which begins with an argument's name, where a folder cannot be made: it is
-    tried, as some file systems refuse what their permissions allow."""
-    there = Path(path).absolute()
-    while not there.exists():
-        there = there.parent
-    try:
-        with tempfile.TemporaryDirectory(prefix=".isogal-", dir=there):
-            pass
-    except OSError as error:
-        raise InputError(f"{name}: {path}: {there} cannot be written: {error.strerror}") from None

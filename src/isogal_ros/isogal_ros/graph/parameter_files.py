@@ -9,6 +9,7 @@ from pydantic import JsonValue
 from rcl_interfaces.msg import ParameterType
 
 from isogal.errors import InputError, nearest
+from isogal.files import reading
 from isogal.scenario import Scenario
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
@@ -25,12 +26,8 @@ Document = dict[str, dict[str, JsonValue]]
 
 def read_parameters(path: str, where: str) -> Document:
     """Return the sections of a parameter file; raises InputError, which begins with `where`."""
-    try:
+    with reading(where):
         text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{where}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{where}: is not a text in UTF-8 ({error.reason})") from None
     document = parse_yaml(text, where)
     if not isinstance(document, dict) or not all(
         isinstance(entry, dict) and isinstance(entry.get("ros__parameters"), dict)

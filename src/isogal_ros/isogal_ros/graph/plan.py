@@ -131,8 +131,7 @@ def nodes_of(scenario: Scenario) -> tuple[str, ...]:
 def node_class(name: str) -> type[GraphNode]:
     """Return the class of a node."""
     module, attribute = CLASSES[topics.kind_of(name)]
-    kind: type[GraphNode] = getattr(importlib.import_module(module), attribute)
-    return kind
+    return getattr(importlib.import_module(module), attribute)
 
 
 def checked(scenario: Scenario, simulated: bool = True) -> tuple[Trajectory, RunMap]:

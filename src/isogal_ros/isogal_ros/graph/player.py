@@ -364,8 +364,7 @@ class Player:
     @property
     def filter(self) -> InertialNavigator | None:
         """The filter, with its history; None = it has not begun."""
-        navigator: InertialNavigator | None = self.nodes[topics.UKF_FUSION].navigator
-        return navigator
+        return self.nodes[topics.UKF_FUSION].navigator
 
     def kill(self, name: str) -> None:
         """Take a node off, as if its process had been killed."""

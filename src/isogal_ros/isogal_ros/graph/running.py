@@ -250,17 +250,12 @@ class Processes:
                 self.running[name].join()
 
 
-Inject = Callable[[Processes, float], None]
-"""Called again and again with the processes and the simulated time, s."""
-
-
 def run_processes(
     plan: Plan,
     folder: Path,
     interrupt: Interrupt,
     report: Report = no_report,
     announce: Callable[[int], None] | None = None,
-    inject: Inject | None = None,
 ) -> float:
     """Run the graph as processes until the route's end, or until interrupted; return the wall time
     (s) from the first step to the last.
@@ -275,8 +270,6 @@ def run_processes(
         Takes the progress.
     announce : callable, optional
         Called with the domain before the processes start.
-    inject : callable, optional
-        Does faults to the processes.
 
     Raises
     ------
@@ -291,7 +284,7 @@ def run_processes(
             announce(domain)
         processes = Processes(plan, folder, domain)
         try:
-            wall = _watch(processes, domain, interrupt, report, inject)
+            wall = _watch(processes, domain, interrupt, report)
         finally:
             processes.stop(interrupt)
             sweep_shared_memory(before)  # of a node that did not come to its own end
@@ -306,7 +299,6 @@ def _watch(
     domain: int,
     interrupt: Interrupt,
     report: Report,
-    inject: Inject | None,
 ) -> float:
     """Watch until the simulator has ended; return the wall time from its first step on."""
     newest: list[bytes] = []
@@ -327,7 +319,7 @@ def _watch(
         try:
             while not interrupt:
                 executor.spin_once(timeout_sec=0.1)
-                if inject is None and time.monotonic() < now + LOOK_EVERY:
+                if time.monotonic() < now + LOOK_EVERY:
                     continue
                 while newest:
                     figures |= _simulators(newest.pop())
@@ -339,8 +331,6 @@ def _watch(
                     # by the simulator's own count of time, which leaves out the processes' start
                     first = first or now - progress.simulated / max(progress.speed, 1e-9)
                     report(progress)
-                if inject is not None:
-                    inject(processes, -1.0 if progress is None else progress.simulated)
                 # where all were told to end, nodes may do so before this process
                 if not interrupt and processes.arrived():
                     break

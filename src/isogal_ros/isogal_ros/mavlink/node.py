@@ -232,8 +232,7 @@ def _dialect() -> ModuleType:
             f"{MAVLINK} needs the Python package pymavlink, 2.4.50 or later: pip install"
             " isogal[mavlink]"
         )
-    found: ModuleType = common
-    return found
+    return common
 
 
 main = main_of(MavlinkNode, MAVLINK)

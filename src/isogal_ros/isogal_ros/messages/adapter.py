@@ -55,8 +55,7 @@ def adapter_of(assumed: Assumed, field: str | None = None) -> Adapter:
         No installed package has an adapter for the field.
     """
     make = plugins.load(plugins.MESSAGE_ADAPTERS, field or assumed.measured_field)
-    adapter: Adapter = make(assumed)
-    return adapter
+    return make(assumed)
 
 
 def adapters_of(assumed: Assumed) -> Iterator[Adapter]:

@@ -15,7 +15,7 @@ from sensor_msgs.msg import LaserScan, NavSatFix, NavSatStatus, PointCloud2, Ran
 
 from isogal.arrays import Array
 from isogal.scenario import Altimeter, Assumed
-from isogal.sensors.beams import PARTS, beam_directions, thinned
+from isogal.sensors.altimeter import PARTS, beam_directions, thinned
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, Place, Reading
 from isogal_ros.messages.checks import BadMessageError, require_frame, require_reading

@@ -26,7 +26,7 @@ from geometry_msgs.msg import (
     Vector3Stamped,
 )
 from nav_msgs.msg import Odometry
-from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
+from pydantic import BaseModel, ConfigDict, JsonValue
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import FluidPressure, Imu, LaserScan, MagneticField, PointCloud2, Range
 from std_msgs.msg import Float32, Float64
@@ -34,7 +34,7 @@ from std_msgs.msg import Float32, Float64
 from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.inertial.rotations import from_angles, from_matrix, matrix
-from isogal.scenario import describe
+from isogal.scenario import validated
 from isogal_ros import topics
 from isogal_ros.messages.altimeter import FAN
 from isogal_ros.messages.checks import ABSENT
@@ -261,10 +261,9 @@ class Entrance:
             names = FrameNames(**document["names"])
         except (ValueError, KeyError, TypeError):
             raise InputError("drivers: what the recording says of them is damaged") from None
-        try:
-            drivers = {name: Driver.model_validate(one) for name, one in entries.items()}
-        except ValidationError as error:
-            raise InputError(f"drivers: {describe(error, Driver)}") from None
+        drivers = {
+            name: validated(Driver, one, where="drivers: ") for name, one in entries.items()
+        }
         return cls(drivers, names)
 
     def changes(self, topic: Topic) -> bool:

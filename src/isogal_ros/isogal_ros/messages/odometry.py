@@ -18,7 +18,7 @@ from isogal_ros.messages.checks import (
     require_unit,
 )
 from isogal_ros.messages.frames import BASE, FRD_FLU, MAP, NED_ENU, framed
-from isogal_ros.messages.prepared import Prepared, Reader, write
+from isogal_ros.messages.prepared import Prepared, Reader, numbers_of, write
 from isogal_ros.topics import Topic
 
 FASTEST = 1e6
@@ -149,13 +149,12 @@ def motion_of(message: Odometry | bytes) -> Motion:
         content.take("iI")  # the stamp
         frame, child = content.text(), content.text()
         numbers = np.array(content.take(f"{_NUMBERS}d"))
-        turn, linear, angular, rest = numbers[3:7], *np.split(numbers[_TWIST - 6 :], (3, 6))
     else:
-        frame, child, twist = message.header.frame_id, message.child_frame_id, message.twist
-        q, v, w = message.pose.pose.orientation, twist.twist.linear, twist.twist.angular
-        turn, rest = np.array([q.x, q.y, q.z, q.w]), np.asarray(twist.covariance)
-        linear, angular = np.array([v.x, v.y, v.z]), np.array([w.x, w.y, w.z])
-    return Motion(frame, child, turn[[3, 0, 1, 2]], linear, angular, rest.reshape(6, 6)[:3, :3])
+        frame, child = message.header.frame_id, message.child_frame_id
+        numbers = numbers_of(message)
+    linear, angular, rest = np.split(numbers[_TWIST - 6 :], (3, 6))
+    of_velocity = rest.reshape(6, 6)[:3, :3]
+    return Motion(frame, child, numbers[[6, 3, 4, 5]], linear, angular, of_velocity)
 
 
 def read_velocity(

@@ -67,7 +67,7 @@ def fill_fix(
     write(message, ns, numbers)
 
 
-def read_position(message: NavSatFix, frame: str = BASE) -> tuple[float, float, float]:
+def read_position(message: NavSatFix) -> tuple[float, float, float]:
     """Return (latitude rad, longitude rad, height m).
 
     Raises
@@ -75,7 +75,7 @@ def read_position(message: NavSatFix, frame: str = BASE) -> tuple[float, float, 
     BadMessageError
         The message is of another frame, not finite, or of no place on Earth.
     """
-    require_frame(message, frame)
+    require_frame(message, BASE)
     if not math.isfinite(message.altitude):
         raise BadMessageError("position is not finite")
     return *read_place(message), message.altitude

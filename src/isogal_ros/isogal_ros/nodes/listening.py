@@ -130,8 +130,7 @@ class Foretold(Subscription):
             # one that was destroyed may have been told of a message that it had still to take
             with suppress(InvalidHandle):
                 before()
-        kind: type[Message] = self.__dict__["msg_type"]
-        return kind
+        return self.__dict__["msg_type"]
 
     @msg_type.setter
     def msg_type(self, kind: type[Message]) -> None:

@@ -2,9 +2,13 @@
 
 import os
 import re
-from collections.abc import MutableMapping
-from contextlib import suppress
+from collections.abc import Iterator, MutableMapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
 
 OWN_FILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables that name a file of profiles."""
@@ -46,3 +50,19 @@ def set_profiles(environment: MutableMapping[str, str] = os.environ) -> None:
     if all(environment.get(name, file) == file for name in OWN_FILES):
         for name, value in PROFILES.items():
             environment.setdefault(name, value)
+
+
+@contextmanager
+def listening_node(name: str, context: Context) -> Iterator[Node]:
+    """Yield a node that only listens, quietly."""
+    node = rclpy.create_node(
+        name,
+        context=context,
+        use_global_arguments=False,
+        enable_rosout=False,
+        start_parameter_services=False,
+    )
+    try:
+        yield node
+    finally:
+        node.destroy_node()

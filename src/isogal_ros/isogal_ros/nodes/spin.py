@@ -35,6 +35,8 @@ HANGS = 5.0
 """s after it should have ended when a process writes where its threads are."""
 DRAIN = 10.0
 """s that a node which has nothing left to do may take what is under way."""
+QUIET = 0.3
+"""s without a message after which none is under way."""
 
 
 def make_executor(context: Context | None = None) -> Executor:
@@ -97,15 +99,13 @@ def _nothing(_spinning: object) -> None:
     pass
 
 
-def drain(node: GraphNode, executor: Executor, quiet: float = 0.3, limit: float = DRAIN) -> None:
+def drain(node: GraphNode, executor: Executor, limit: float) -> None:
     """Let a node that counts its messages (`GraphNode.received`) take those that are under way.
 
     Parameters
     ----------
     executor : Executor
         That the node is on.
-    quiet : float
-        s without a message after which none is under way.
     limit : float
         s that it lasts at most.
     """
@@ -113,7 +113,7 @@ def drain(node: GraphNode, executor: Executor, quiet: float = 0.3, limit: float 
         return
     count, changed = node.received(), time.monotonic()
     begun = changed
-    while (now := time.monotonic()) - changed < quiet and now - begun < limit:
+    while (now := time.monotonic()) - changed < QUIET and now - begun < limit:
         executor.spin_once(timeout_sec=0.05)
         if node.received() != count:
             count, changed = node.received(), time.monotonic()
@@ -206,7 +206,7 @@ def _run(name: str, make: Callable[[], GraphNode], interrupt: Interrupt) -> int:
     patience = node.settings.closing_time
     limit = 0.5 * patience if interrupt else DRAIN
     faulthandler.dump_traceback_later(limit + 0.5 * patience + HANGS)
-    drain(node, executor, limit=limit)
+    drain(node, executor, limit)
     executor.shutdown()
     node.close(0.5 * patience)
     faulthandler.cancel_dump_traceback_later()

@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -13,6 +12,7 @@ from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.mounting import Link, Tree, read_transforms
+from isogal_ros.nodes.middleware import listening_node
 
 _SEVERAL = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of a vehicle whose transforms several nodes publish, as tf2 has it."""
@@ -25,26 +25,17 @@ def static_transforms(context: Context, timeout: float, enough: Callable[[Tree],
     if topic is None:
         raise InputError("drivers: from_tf needs the package tf2_msgs, which is not installed")
     found: dict[str, Link] = {}
-    node = rclpy.create_node(
-        "isogal_transforms",
-        context=context,
-        use_global_arguments=False,
-        enable_rosout=False,
-        start_parameter_services=False,
-    )
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
 
     def take(data: bytes) -> None:
         with suppress(BadMessageError):
             found.update(read_transforms(data))
 
-    try:
+    with listening_node("isogal_transforms", context) as node:
         node.create_subscription(topic.type, topic.name, take, _SEVERAL, raw=True)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
         end = time.monotonic() + timeout
         while not enough(found) and time.monotonic() < end:
             executor.spin_once(timeout_sec=0.1)
-    finally:
         executor.shutdown()
-        node.destroy_node()
     return found

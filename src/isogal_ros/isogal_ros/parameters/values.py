@@ -5,10 +5,9 @@ from operator import attrgetter
 from typing import TypeVar
 
 import yaml
-from pydantic import BaseModel, JsonValue, ValidationError
+from pydantic import BaseModel, JsonValue
 
-from isogal.errors import InputError
-from isogal.scenario import Scenario, describe, validate_scenario
+from isogal.scenario import Scenario, validate_scenario, validated
 from isogal_ros.parameters.from_model import parameter_specs
 
 Values = dict[str, JsonValue]
@@ -38,10 +37,7 @@ def scenario_from(values: Mapping[str, JsonValue], where: str) -> Scenario:
 
 def settings_from(model: type[Model], values: Mapping[str, JsonValue], where: str) -> Model:
     """Return a node's own settings; raises InputError with one line that begins with `where`."""
-    try:
-        return model.model_validate(nested(values))
-    except ValidationError as error:
-        raise InputError(f"{where}: {describe(error, model)}") from None
+    return validated(model, nested(values), where=f"{where}: ")
 
 
 def scenario_values(scenario: Scenario) -> Values:

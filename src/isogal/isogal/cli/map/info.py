@@ -127,7 +127,8 @@ def _along(
 ) -> "tuple[tuple[Array, Array], Stretches, Described]":
     """Return where readings along a route are (rad), what they tell, and both described, by the
     map at the height of the flight; raises InputError where that does not cover it."""
-    flown = map_.flown_along(field_map, route.settings, route.around(margin), route.measured)
+    source = map_.given(route.settings, route.measured)
+    flown = source.flown_along(route.settings.route.height, field_map, route.around(margin))
     try:
         track = route.readings_on(flown)
     except InputError as error:

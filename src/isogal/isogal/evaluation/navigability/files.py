@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from isogal.errors import InputError
 from isogal.evaluation.navigability.area import Navigability
 from isogal.files import atomic_path
 
@@ -14,11 +13,8 @@ def write_navigability(found: Navigability, path: Path) -> None:
     """Write all layers, as GeoTIFF where the name ends so; raises InputError where the file cannot
     be written."""
     write = _geotiff if path.suffix.casefold() in (".tif", ".tiff") else _netcdf
-    try:
-        with atomic_path(path) as temporary:
-            write(found, temporary)
-    except RuntimeError as error:  # what the libraries raise, for example where the disk is full
-        raise InputError(f"{path}: cannot be written: {error}") from None
+    with atomic_path(path) as temporary:
+        write(found, temporary)
 
 
 def _netcdf(found: Navigability, path: Path) -> None:

@@ -157,8 +157,7 @@ def _near(east: Array, north: Array, route: tuple[Array, Array]) -> Booleans:
     columns = np.clip(np.round((x - east[0]) / step[0]).astype(int), 0, east.size - 1)
     rows = np.clip(np.round((y - north[0]) / step[1]).astype(int), 0, north.size - 1)
     away[rows, columns] = False
-    near: Booleans = distance_transform_edt(away, sampling=(step[1], step[0])) <= NEAR
-    return near
+    return distance_transform_edt(away, sampling=(step[1], step[0])) <= NEAR
 
 
 def _lines(east: Array, north: Array, values: Array, step: float) -> Lines:

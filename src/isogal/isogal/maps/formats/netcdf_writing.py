@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from isogal.arrays import Values
-from isogal.errors import InputError
 from isogal.files import atomic_path
 from isogal.maps.error_ellipses import ELLIPSE_NAMES, axes_of
 from isogal.maps.field_map import FieldMap
@@ -31,11 +30,8 @@ def write_netcdf(field_map: FieldMap, path: str | Path, variable: str | None = N
     InputError
         The file cannot be written.
     """
-    try:
-        with atomic_path(path) as temporary:
-            _write(field_map, temporary, variable or field_map.quantity)
-    except RuntimeError as error:  # what the C library raises, for example where the disk is full
-        raise InputError(f"{path}: cannot be written: {error}") from None
+    with atomic_path(path) as temporary:
+        _write(field_map, temporary, variable or field_map.quantity)
 
 
 def _write(field_map: FieldMap, path: Path, name: str) -> None:

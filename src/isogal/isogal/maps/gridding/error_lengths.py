@@ -29,8 +29,7 @@ def error_lengths(places: Array, covariance: Array) -> Array:
     total = weight.sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = (weight * distance / decay).sum(axis=1) / total
-    chosen: Array = np.where(total > 1.0, mean, single).astype(np.float64)
-    return chosen
+    return np.where(total > 1.0, mean, single).astype(np.float64)
 
 
 def error_ellipses(places: Array, covariance: Array, length: Array) -> Array:

@@ -14,6 +14,15 @@ from isogal.maps.synthetic.tiles import VERSION, Progress, read_tiles
 from isogal.maps.tiled_map import WHOLE_CELLS, ScalarMap, TiledMap
 
 _NAME = f"synthetic map {VERSION}"
+_VARIABLES = {"ga": "gravity", "dg": "disturbance"} | {name: name for name in QUANTA}
+
+
+def quantity_of(variable: str, key: str) -> str:
+    """Return what a variable of the synthetic map is of; raises InputError, which begins with the
+    key or option that names it."""
+    if variable not in _VARIABLES:
+        raise InputError(f"{key}: the synthetic map has height, ga and dg, not '{variable}'")
+    return _VARIABLES[variable]
 
 
 def synthetic_map(quantity: str, window: Window, progress: Progress | None = None) -> FieldMap:

@@ -32,7 +32,7 @@ from isogal.matching.baselines.readings import (
     shift_covariance,
 )
 from isogal.matching.failures import UNEXPLAINED
-from isogal.matching.interfaces import Batch, Candidates, Fix, declined
+from isogal.matching.interfaces import Batch, Fix, declined
 
 
 class IccpOptions(BaseModel):
@@ -167,7 +167,8 @@ class Iccp(Baseline[IccpOptions]):
             return declined(batch, "no track in the search window fits its contours", **figures)
         if np.linalg.eigvalsh(covariance)[1] > half**2:
             return declined(batch, "the contours leave the track free to move", **figures)
-        matched = _listed(readings, contours.point, best.nearest)
+        has = best.nearest >= 0
+        matched = readings.places(-contours.point[best.nearest[has]], has)
         return publish_measured(batch, best.error, covariance, figures, matched)
 
 
@@ -196,19 +197,6 @@ class _End(NamedTuple):
     """(N,) index of each reading's contour point; -1 = none."""
     misfit: float
     """Sum of squared normalised residuals; infinite off the map."""
-
-
-def _listed(readings: UsableReadings, point: Array, nearest: Integers) -> Candidates:
-    """Return the contour points that the last iteration matched."""
-    arrays = readings.arrays
-    has = nearest >= 0
-    offset = point[nearest[has]]
-    return Candidates(
-        latitude=arrays.latitude[has] + offset[:, 0] * arrays.radian[has, 0],
-        longitude=arrays.longitude[has] + offset[:, 1] * arrays.radian[has, 1],
-        weight=np.ones(int(has.sum())),
-        scan=readings.row[has],
-    )
 
 
 def _crossings(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.field_map import FieldMap
 from isogal.maps.interpolation import Grid, values_and_gradients
@@ -116,6 +116,17 @@ class UsableReadings:
 
     def __len__(self) -> int:
         return self.row.shape[0]
+
+    def places(self, moved: Array, which: Booleans | slice = slice(None)) -> Candidates:
+        """Return where some of the readings were taken if the navigator was off, (n, 2) m; see
+        `compared`."""
+        one, (north, east) = self.arrays, moved.T
+        return Candidates(
+            latitude=one.latitude[which] - north * one.radian[which, 0],
+            longitude=one.longitude[which] - east * one.radian[which, 1],
+            weight=np.ones(len(moved)),
+            scan=self.row[which],
+        )
 
     def compared(self, moved: Array, which: slice = slice(None)) -> tuple[Array, Array, Array]:
         """Compare readings with the map where they were taken if the navigator was off.

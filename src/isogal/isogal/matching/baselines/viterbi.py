@@ -22,7 +22,7 @@ from isogal.arrays import Array, Integers
 from isogal.maps.field_map import FieldMap
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import UsableReadings, publish_posterior
-from isogal.matching.interfaces import Batch, Candidates, Fix, declined
+from isogal.matching.interfaces import Batch, Fix, declined
 
 
 class ViterbiOptions(BaseModel):
@@ -75,21 +75,10 @@ class Viterbi(Baseline[ViterbiOptions]):
             batch,
             *_with_velocity(batch.prior, last, covariance),
             figures,
-            _listed(readings, place[path[:, 0], path[:, 1]]),
+            readings.places(place[path[:, 0], path[:, 1]]),
             position_only=True,
             least_gain=0.02,
         )
-
-
-def _listed(readings: UsableReadings, error: Array) -> Candidates:
-    """Return the places of a path of position errors (N, 2) m."""
-    arrays = readings.arrays
-    return Candidates(
-        latitude=arrays.latitude - error[:, 0] * arrays.radian[:, 0],
-        longitude=arrays.longitude - error[:, 1] * arrays.radian[:, 1],
-        weight=np.ones(len(readings)),
-        scan=readings.row,
-    )
 
 
 def _with_velocity(prior: Array, position: Array, covariance: Array) -> tuple[Array, Array]:
