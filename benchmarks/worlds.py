@@ -5,7 +5,7 @@ and whether it says so.
         [--first 0] [--page docs/evidence/worlds.md]
 
 A world is one choice of each aspect (field, route, speed, interval, noise, inertial sensors, aids,
-the map's error, how it starts) and none to two faults of the instrument. The same seed gives the
+the map's error, how it starts) and none to three faults. The same seed gives the
 same worlds; `--first` goes on. The bound is that of a navigator that knows the world; errors count
 after an hour, or a third of the voyage."""
 
@@ -65,6 +65,20 @@ FAULTS = {
     "half missing": ("gravimeter.missing_fraction=0.5",),
     "map error with tails": ("map_error.tails=3",),
 }
+OTHERS = {
+    "noise correlated over 60 s": (
+        "truth.gravimeter.correlated_sigma={noise:g}",
+        "truth.gravimeter.correlation_time=60",
+    ),
+    "bias that walks": ("truth.gravimeter.bias_walk={walk:g}",),
+    "a gap without readings": ("gravimeter.gaps=[[{half:.0f}, {tenth:.0f}]]",),
+    "map datum off": ("map_error.offset={far:g}",),
+    "map tilted": ("map_error.tilt={tilt:g}",),
+    "start three times as wrong": ("truth.initial_error.position={start:g}",),
+    "aid off by 1 %": ("truth.velocity.scale=0.01",),
+    "barometer off by 20 m": ("truth.height.bias=20",),
+}
+"""Drawn last, so that worlds of a seed are otherwise those that they were before."""
 
 
 def world(seed: int, number: int, data: Path) -> tuple[str, list[str]]:
@@ -109,9 +123,18 @@ def world(seed: int, number: int, data: Path) -> tuple[str, list[str]]:
     elif start:
         keys.append(f"initial_error.position={start}")
         names.append(f"start within {start} m")
-    sizes = {"bias": 3.0 * noise, "much": 4.0 * noise, "little": noise / 3.0, "data": data}
-    for fault in rng.choice(list(FAULTS), rng.integers(3), replace=False).tolist():
-        keys += FAULTS[fault]
+    sizes = {
+        "bias": 3.0 * noise, "much": 4.0 * noise, "little": noise / 3.0, "data": data,
+        "noise": noise, "walk": 0.05 * noise, "half": duration / 2.0, "tenth": duration / 10.0,
+        "far": 5.0 * field.unit, "tilt": 5e-5 * field.unit,
+        "start": 3.0 * (start if isinstance(start, int) else 50.0),
+    }  # fmt: skip
+    faults = FAULTS | OTHERS
+    drawn = rng.choice(list(FAULTS), rng.integers(3), replace=False).tolist()
+    if another := one_of(None, None, *OTHERS):
+        drawn.append(another)
+    for fault in drawn:
+        keys += faults[fault]
         names.append(fault)
     return ", ".join(names), [key.format(**sizes) if "{" in key else key for key in keys]
 

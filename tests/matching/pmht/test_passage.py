@@ -1,4 +1,5 @@
-"""What the filter's own data make of hypotheses where the heading is not known well."""
+"""What the filter's own data make of hypotheses where the heading is not known well, or a velocity
+along the body's axes is measured."""
 
 import math
 from dataclasses import replace
@@ -32,10 +33,12 @@ CAR = changed_scenario(
 )
 
 
-def driven(turned: float = 0.0, bias: float = 0.0) -> tuple[InertialNavigator, InertialNavigator]:
-    """Navigators of a car that goes 20 m/s with two turns; one of them has its heading turned by
-    so much (rad), and its gyroscope's bias less, from BEGIN on."""
-    model = filter_model(CAR)
+def driven(
+    turned: float = 0.0, bias: float = 0.0, vehicle: Scenario = CAR
+) -> tuple[InertialNavigator, InertialNavigator]:
+    """Navigators of a vehicle that goes 20 m/s with two turns; one of them has its heading turned
+    by so much (rad), and its gyroscope's bias less, from BEGIN on."""
+    model = filter_model(vehicle)
     level = np.array([1.0, 0.0, 0.0, 0.0])
     start = Estimate(np.array([0.7, 0.2, 0.0]), np.array([SPEED, 0.0, 0.0]), level)
     navigator = InertialNavigator(model, FilterState.start(start, model))
@@ -46,7 +49,7 @@ def driven(turned: float = 0.0, bias: float = 0.0) -> tuple[InertialNavigator, I
         for one in both:
             one.imu(float(second), force, rate)
             one.measure(
-                float(second), VelocityReading.of(CAR.velocity, np.array([SPEED, 0.0, np.nan]))
+                float(second), VelocityReading.of(vehicle.velocity, np.array([SPEED, 0.0, np.nan]))
             )
         if second == BEGIN:
             other = navigator.known.copy()
@@ -90,6 +93,22 @@ def test_a_hypothesis_as_wide_as_the_navigator_stays_it() -> None:
     np.testing.assert_allclose(
         found / np.outer(scale, scale), passage.after / np.outer(scale, scale), atol=0.02
     )
+
+
+def test_what_a_bias_adds_is_not_taken_for_new_at_every_fix() -> None:
+    """With a velocity aid of however sure a heading: a model of faster growth is told of the bias,
+    and only what is new grows faster."""
+    ship = ["imu.grade=tactical", "imu.rate=1.0", "velocity.kind=dvl"]
+    navigator = driven(vehicle=changed_scenario(Scenario(), ship, "test"))[0]
+    assert not navigator.model.unsure_heading
+    passage = navigator.since(float(BEGIN))
+    assert isinstance(passage, Passage)
+    bank, moving = bank_of(passage, passage.before)
+    fast = bank.models._replace(growth=np.full_like(bank.models.growth, 100.0))
+    heading = moving[HEADING]
+    after = replace(bank, models=fast).passed(passage, moving).covariance[0, heading, heading]
+    grown = passage.after[HEADING, HEADING] - passage.before[HEADING, HEADING]
+    assert after < passage.after[HEADING, HEADING] + 0.3 * 99.0 * grown
 
 
 @pytest.mark.parametrize(("turned", "bias"), [(0.3, 0.0), (-0.3, 0.0), (0.0, 5e-4), (0.3, 5e-4)])

@@ -83,6 +83,7 @@ def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> Filte
         height_contents=height_contents(auxiliary) if height.measured else (),
         alpha=CLOSE if unsure else 1.0,
         unsure_heading=unsure,
+        follows_errors=unsure or bool(assumed.velocity_aids),
         auxiliary=auxiliary,
         gravity=gravity,
         preintegrated=assumed.samples_per_step > 1,

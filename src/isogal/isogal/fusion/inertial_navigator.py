@@ -328,9 +328,9 @@ class InertialNavigator:
         return smoothed(self.history(time), self.model, self.motion, time)
 
     def since(self, time: float) -> Since | None:
-        """Return what has become of the error since a time (s) of the history, where the heading
-        is not known well; else what satellites have told since then; None = there is nothing to
-        say."""
+        """Return what has become of the error since a time (s) of the history, where its dynamics
+        do not say it (`FilterModel.follows_errors`); else what satellites have told since then;
+        None = there is nothing to say."""
         without = self.unaided(time)
         if without is None or not self.model.judges_satellites:
             passage = self.passage(time)
@@ -340,10 +340,9 @@ class InertialNavigator:
         return Aided(time, without.batch_prior, jump)
 
     def passage(self, since: float) -> Passage | None:
-        """Return what has become of the error since a time (s) of the history; None where the
-        heading is as good as known, where nothing is kept of then, and while it is open what has
-        happened."""
-        if not self.model.unsure_heading or self._impossible(since) is not None:
+        """Return what has become of the error since a time (s) of the history; None where its
+        dynamics say it, where nothing is kept of then, and while it is open what has happened."""
+        if not self.model.follows_errors or self._impossible(since) is not None:
             return None
         first = self._segment_at(since)
         *_, before, newest = self._segments

@@ -6,7 +6,7 @@
 with the velocity v and the current or wind c (NED, m/s), the attitude C (body to NED), mounting
 errors m about the right and the down axis (rad) and a scale factor error s."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,9 +35,6 @@ def _names(prefix: str, medium: str) -> tuple[str, ...]:
     """Return what the states of `velocity_error_states` are called."""
     of_sensor = (f"{prefix}_{one}" for one in ("scale", "pitch", "yaw"))
     return (*of_sensor, f"{medium}_north", f"{medium}_east")
-
-
-_OWN = _names("velocity", "current")
 
 
 def velocity_error_states(aids: Sequence[Velocity]) -> tuple[AuxiliaryState, ...]:
@@ -158,19 +155,19 @@ class VelocityReading:
     def _standing(self, state: FilterState, model: FilterModel) -> Rows:
         """Return the rows of a vehicle that stands, in body axes: a zero in others would measure
         the heading (`moved`)."""
-        H, expected = velocity_reading(model, matrix(state.attitude), state.velocity, {})
+        H, expected = velocity_reading(model, matrix(state.attitude), state.velocity)
         H[:, FILTER_STATES:] = 0.0
         return Rows(np.zeros(3), expected, H, np.eye(3) * self.standstill_sigma**2)
 
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state, as of a vehicle that moves."""
         axes = np.flatnonzero(np.isfinite(self.velocity))
-        names = [one.name for one in model.auxiliary]
-        values = dict(zip(names, state.auxiliary.tolist(), strict=True))
-        own = _names(self.prefix, self.medium)
+        places = [model.places.get(name) for name in _names(self.prefix, self.medium)]
+        errors = state.auxiliary.tolist()
+        values = [0.0 if at is None else errors[at - FILTER_STATES] for at in places]
         past = state.velocity.copy()
-        past[:2] -= [values.get(name, 0.0) for name in own[3:]]
-        H, expected = velocity_reading(model, matrix(state.attitude), past, values, own)
+        past[:2] -= values[3:]
+        H, expected = velocity_reading(model, matrix(state.attitude), past, places, values)
         R = self.covariance[np.ix_(axes, axes)]
         return Rows(np.asarray(self.velocity, dtype=float)[axes], expected[axes], H[axes], R)
 
@@ -179,8 +176,8 @@ def velocity_reading(
     model: FilterModel,
     rotation: Array,
     past: Array,
-    values: Mapping[str, float],
-    names: Sequence[str] = _OWN,
+    places: Sequence[int | None] = (None,) * 5,
+    values: Sequence[float] = (0.0,) * 5,
 ) -> tuple[Array, Array]:
     """Return d(reading)/d(error state) (3, 15 + M) of a velocity aid, and the reading.
 
@@ -191,16 +188,15 @@ def velocity_reading(
         Body to NED.
     past : (3,) array
         Velocity relative to the ground, or to the water or air, NED, m/s.
-    values : mapping
-        Of the auxiliary states, by name; those that are not there are zero.
-    names : sequence of str, optional
-        Of its scale factor, mounting about right and down, current or wind north and east;
-        default: those of the aid of the section `velocity`.
+    places : sequence of int, optional
+        Of its scale factor, mounting about right and down, current or wind north and east among
+        all states; None = there is none.
+    values : sequence of float, optional
+        Of these; 0 of those that there are not.
     """
-    scale, pitch, yaw, north, east = names
     body = rotation.T @ past
-    about_right, about_down = values.get(pitch, 0.0), values.get(yaw, 0.0)
-    factor = 1.0 + values.get(scale, 0.0)
+    scale, about_right, about_down = values[:3]
+    factor = 1.0 + scale
     x, y, z = body.tolist()  # np.cross would take as long as all the rest
     across = y * about_down - z * about_right, -x * about_down, x * about_right
     turned = body + np.array(across)
@@ -208,14 +204,9 @@ def velocity_reading(
     by_past = by_body @ rotation.T
     H = np.zeros((3, model.states))
     H[:, 3:6], H[:, 6:9] = by_past, by_past @ cross_matrix(past)
-    columns = {
-        scale: turned,
-        pitch: factor * np.array([-z, 0.0, x]),
-        yaw: factor * np.array([y, -x, 0.0]),
-        north: -by_past[:, 0],
-        east: -by_past[:, 1],
-    }
-    for j, one in enumerate(model.auxiliary):
-        if one.name in columns:
-            H[:, FILTER_STATES + j] = columns[one.name]
+    of_mounting = [-factor * z, 0.0, factor * x], [factor * y, -factor * x, 0.0]
+    columns = turned, *of_mounting, -by_past[:, 0], -by_past[:, 1]
+    for at, column in zip(places, columns, strict=True):
+        if at is not None:
+            H[:, at] = column
     return H, factor * turned
