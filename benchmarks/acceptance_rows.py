@@ -101,6 +101,19 @@ MAPS: dict[str, tuple[list[str], list[str]]] = {
     "8 mGal": (["map_error.sigma=8e-5"], ["matcher.map_sigma=8e-5"]),
 }
 """How wrong the map is, and what tells the matcher so."""
+OVER_TERRAIN = (
+    "field=terrain",
+    "map.variable=height",
+    "route.height=2500",
+    "route.waypoints=[[-36.6,147,22],[-36.24,147,22],[-36.6,147.04,22],[-36.24,147.04,22],"
+    "[-36.6,147.08,22]]",
+    "route.duration=7200",
+    "gravimeter.interval=1",
+    "gravimeter.sigma=0.5",
+    "map_error.sigma=40",
+    "imu.grade=tactical",
+    "velocity.kind=dvl",
+)
 EXACT, TOLD_3 = MAPS["exact"][1], [*WRONG_3, *MAPS["3 mGal"][1]]
 BIASED = ["gravimeter.bias=5e-5", "gravimeter.drift=2.8e-9"]
 """5 mGal and 1 mGal per hour, 1-sigma."""
@@ -152,6 +165,16 @@ def of_gravity() -> list[Row]:
                 minutes=found,
             )
             for error, duration in (("exact", 5400), ("3 mGal", 7200))
+        ),
+        Row(
+            "hidden start 10 km, map exact, bias 8 mGal",
+            hidden(10, "truth.gravimeter.bias=8e-5"),
+            minutes=found,
+        ),
+        Row(
+            "tactical INS with a Doppler log, heights of a map 40 m wrong",
+            of_settings(*OVER_TERRAIN),
+            runs=8,
         ),
         *(
             Row(
