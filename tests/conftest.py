@@ -1,11 +1,14 @@
 """Fixtures that every test package shares."""
 
 import gc
+import json
 import os
 import signal
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 from isogal.threads import one_thread
 
@@ -23,7 +26,11 @@ from hypothesis import settings  # noqa: E402
 
 from helpers.batches import field_map_of, wavy  # noqa: E402
 from helpers.example_field import disturbance  # noqa: E402
+from isogal.errors import InputError  # noqa: E402
+from isogal.fields import derived_maps  # noqa: E402
+from isogal.fields.derived_maps import shared_maps  # noqa: E402
 from isogal.maps.field_map import FieldMap  # noqa: E402
+from isogal.scenario import validate_scenario  # noqa: E402
 
 # No deadline: a first call compiles, and the machine may be busy. The same examples at every run.
 settings.register_profile("isogal", deadline=None, derandomize=True)
@@ -91,6 +98,26 @@ def nothing_old_is_searched_for_garbage() -> Iterator[None]:
     gc.collect()
     gc.freeze()
     yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def maps_once() -> Iterator[None]:
+    """Maps that are computed from others are computed once for all tests of a worker, and by it: a
+    process of their own takes seconds to begin."""
+
+    def here(words: list[Any], *, input: bytes, **_: object) -> SimpleNamespace:
+        task = json.loads(input)
+        try:
+            made = derived_maps.compute(validate_scenario(task["scenario"]), task["margin"])
+        except InputError as error:
+            refused = derived_maps._REFUSED
+            return SimpleNamespace(returncode=refused, stdout=str(error).encode())
+        derived_maps._write(words[-1], made)
+        return SimpleNamespace(returncode=0)
+
+    with pytest.MonkeyPatch.context() as patch, shared_maps():
+        patch.setattr(derived_maps, "subprocess", SimpleNamespace(run=here))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,9 @@ import pytest
 
 from helpers.packages import ROOT
 from helpers.pages import commands, run_here
+from helpers.surveys import few_places
+
+__all__ = ["few_places"]
 
 DOCS = ROOT / "docs"
 TUTORIALS = DOCS / "tutorials"

@@ -20,6 +20,15 @@ from isogal.scenario import load_scenario
 from isogal.sensors.trajectory import build_trajectory
 
 
+@pytest.fixture(scope="module", autouse=True)
+def other_processes():
+    """As in use, where each map is computed by another process, and for one process alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(derived, "subprocess", subprocess)
+        patch.delenv(derived.SHARED)
+        yield
+
+
 @pytest.fixture(scope="module")
 def disturbance(tmp_path_factory):
     path = tmp_path_factory.mktemp("map") / "wavy.nc"
@@ -89,7 +98,6 @@ def test_processes_that_share_maps_compute_each_once(tmp_path, monkeypatch):
         return scenario(tmp_path / "uneven.nc", *keys, "route.duration=100", *more)
 
     here = derived.compute(along(), 3000.0)
-    monkeypatch.delenv(derived.SHARED, raising=False)
     with derived.shared_maps():
         maps = derived.derived_maps(along(), 3000.0)
         monkeypatch.setattr(subprocess, "run", none_left)

@@ -56,9 +56,9 @@ def flight_lines(count, spacing, along, half):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def four_places() -> Iterator[None]:
-    """Parameters learnt from four places, not ten, to which the time is in proportion; the fields
+def few_places() -> Iterator[None]:
+    """Parameters learnt from two places, not ten, to which the time is in proportion; the fields
     above are the same everywhere."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(learning, "_PLACES", 4)
+        patch.setattr(learning, "_PLACES", 2)
         yield

@@ -1,12 +1,10 @@
 """A small map and short scenarios for the graph; every test worker has a ROS domain of its own."""
 
-import json
 import os
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,12 +16,9 @@ from helpers.domains import claim_domain
 from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
 from helpers.made_once import made_once
 from helpers.node_bench import Bench, run_here
-from isogal.errors import InputError
-from isogal.fields import derived_maps
-from isogal.fields.derived_maps import shared_maps
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal.scenario import Scenario, load_scenario, validate_scenario
+from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.graph.domain import DOMAIN, participants
 
@@ -38,26 +33,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.ros)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def maps_once() -> Iterator[None]:
-    """Maps that are computed from others are computed once for all tests of a worker, and by it: a
-    process of their own takes seconds to begin."""
-
-    def here(words: list[Any], *, input: bytes, **_: object) -> SimpleNamespace:
-        task = json.loads(input)
-        try:
-            made = derived_maps.compute(validate_scenario(task["scenario"]), task["margin"])
-        except InputError as error:
-            refused = derived_maps._REFUSED
-            return SimpleNamespace(returncode=refused, stdout=str(error).encode())
-        derived_maps._write(words[-1], made)
-        return SimpleNamespace(returncode=0)
-
-    with pytest.MonkeyPatch.context() as patch, shared_maps():
-        patch.setattr(derived_maps, "subprocess", SimpleNamespace(run=here))
-        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -7,6 +7,9 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from helpers.command_line import call
+from helpers.surveys import few_places
+
+__all__ = ["few_places"]
 
 SHAPES = {
     "one line": lambda t: (3e3 * t, 4e3 * t),

@@ -9,7 +9,7 @@ import pytest
 from helpers.batches import field_map_of
 from helpers.command_line import answer, refusal
 from helpers.mirror import serving
-from helpers.surveys import drawn, flight_lines, four_places
+from helpers.surveys import drawn, few_places, flight_lines
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 
@@ -103,7 +103,7 @@ def test_tiles_of_a_variable_or_else_of_the_scenarios_field_are_fetched_once(mir
     assert "S40E145.ga  fetched, trusted on first use" in answer(*words)
 
 
-__all__ = ["four_places"]
+__all__ = ["few_places"]
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from helpers.surveys import (
     LONGITUDE,
     NORTH,
     drawn,
+    few_places,
     flight_lines,
-    four_places,
     scattered,
     survey_at,
 )
@@ -27,7 +27,7 @@ from isogal.maps.gridding.kriging import Kriging
 from isogal.maps.gridding.validation import LeftOut, far_off
 from isogal.maps.load import load_map
 
-__all__ = ["four_places"]
+__all__ = ["few_places"]
 
 
 def at(model, places):

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from helpers.surveys import drawn, flight_lines, four_places, survey_at
+from helpers.surveys import drawn, few_places, flight_lines, survey_at
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.gridder import LOCAL, GridSettings, learn_model
 from isogal.maps.gridding.strike import LocalStrike, can_be_local, with_local_strike
 
-__all__ = ["four_places"]
+__all__ = ["few_places"]
 
 PARTS = (3.0, 2.0), (1500.0, 4000.0)
 

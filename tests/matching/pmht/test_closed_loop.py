@@ -4,6 +4,8 @@ NEES per axis of a run's posteriors hang together for half an hour or so: four r
 after the first half hour are some six independent values of two axes. Their mean is within
 `INTERVAL` in all but one of a thousand studies of a consistent matcher; the seeds are fixed."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from isogal.scenario import load_scenario
 INTERVAL = chi_square_interval(6, confidence=0.999)
 
 
+@cache
 def runs_of(count: int, duration: float, *settings: str) -> Runs:
     scenario = load_scenario(
         None, [f"route.duration={duration}", "gravity.field=normal", "seed=515", *settings]
@@ -58,7 +61,7 @@ TURNING = (
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("delay", "filter_time"), [(20, 0), (0, 20), (0, 60), (15, 30)])
+@pytest.mark.parametrize(("delay", "filter_time"), [(20, 0), (0, 60), (15, 30)])
 def test_an_instrument_that_is_late_in_turns_is_found_out(delay, filter_time):
     """Within twice the errors of one that is not late: a filter of a minute takes sharp features
     away."""

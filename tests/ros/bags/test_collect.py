@@ -107,7 +107,7 @@ def test_a_way_over_180_degrees_is_viewed(tmp_path) -> None:
     assert np.degrees(np.ptp(field_map.longitude)) < 1.0
 
 
-@pytest.mark.parametrize("latitude", [-38.0, 89.99, 90.0, -89.9])
+@pytest.mark.parametrize("latitude", [-38.0, 90.0, -89.9])
 def test_a_way_around_a_pole_is_viewed(tmp_path, latitude) -> None:
     """It was refused with `no map: has no value at all`."""
     way = [(latitude, float(longitude)) for longitude in range(-170, 180, 20)]

@@ -19,9 +19,9 @@ WRONG = {
 
 @pytest.fixture(scope="module")
 def feed(scenario) -> Feed:
-    """Twelve minutes over the map as it is."""
-    own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
-    return Feed(scenario("route.duration=720.0", *own), 0)
+    """Eight minutes over the map as it is."""
+    own = "matcher.name=pmht", "matcher.batch_length=20", "matcher.stride=5"
+    return Feed(scenario("route.duration=480.0", *own), 0)
 
 
 @pytest.mark.parametrize("what", ["as it is", *WRONG])
