@@ -101,5 +101,6 @@ def _totals(now: Mapping[str, RowFigures]) -> str:
     return (
         f"{len(rows)} rows of runs, {sum(count for count, _ in fixes)} fixes, of which {failed}"
         f" failed; median of rows {speed:.2f} run-hours per CPU second and {median:.1f} ms a fix,"
-        f" slowest fix {slowest:.0f} ms, at most {memory:.0f} MB. Found at 30, 45, 60, 75 min."
+        f" slowest fix {slowest:.0f} ms, at most {memory:.0f} MB. Found at 30, 45, 60, 75 min,"
+        " with a bias at 75, 90, 105, 120."
     )

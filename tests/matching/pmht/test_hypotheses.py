@@ -429,7 +429,7 @@ def test_untold_sigmas_are_even_up_to_the_map_s_roughness():
 
 
 def test_a_search_has_few_models():
-    part = few(UNTOLD, 1e-5, np.inf)
+    part = few(UNTOLD, 1e-5, np.inf, True)
     assert part.sigma.min() == 0.0
     least, *_ = sigmas = np.unique(part.sigma[part.sigma > 0.0])
     assert least > 0.4e-5
@@ -453,8 +453,8 @@ def test_a_search_has_few_models():
     assert np.exp(part.log_prior).sum() == pytest.approx(1.0)
     of_filters = {(lag, noise) for lag in (0.0, *FINER_LAGS) for noise in (1.0, *DECADES)}
     assert set(zip(part.lag, part.noise, strict=True)) == of_filters
-    assert set(few(UNTOLD, 1e-5, 50.0).noise) == {1.0, 10.0}
-    assert len(few(models(sigma=0.0, trust=1.0), 1e-5, np.inf).sigma) == 1
+    assert set(few(UNTOLD, 1e-5, 50.0, True).noise) == {1.0, 10.0}
+    assert len(few(models(sigma=0.0, trust=1.0), 1e-5, np.inf, True).sigma) == 1
 
 
 @pytest.mark.parametrize("factor", [1.0, 30.0])
@@ -540,7 +540,8 @@ def seen_of(bias: float) -> tuple[Seen, np.ndarray]:
         Assumed(noise=1e-5, scale=1e-3, rough=1e-5, sigma=0.0, trust=1.0, bias=bias), states
     )
     rest = np.zeros((len(rows.level), BATCH_STATES, BATCH_STATES))
-    return Seen.of(rows, rest, ROUGH, few(told, 1e-5, np.inf)), np.array([ERROR[:2], (0.0, 0.0)])
+    exact = few(told, 1e-5, np.inf, False)
+    return Seen.of(rows, rest, ROUGH, exact), np.array([ERROR[:2], (0.0, 0.0)])
 
 
 def test_what_a_filter_gives_is_a_mean_of_what_was_sensed():
@@ -567,7 +568,7 @@ def test_a_place_is_found_by_readings_through_a_filter():
     lengths, rough = every.shapes
     rows, _ = rows_of(batch, ROUGH, states, lengths, None, rough)
     rest = np.zeros((60, BATCH_STATES, BATCH_STATES))
-    seen = Seen.of(rows, rest, ROUGH, few(every, 2e-6, np.inf))
+    seen = Seen.of(rows, rest, ROUGH, few(every, 2e-6, np.inf, False))
     axis = np.linspace(-3000.0, 3000.0, 13)
     centres = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     log = seen.log_evidence(centres, 100.0)
@@ -586,7 +587,7 @@ def test_a_place_is_found_by_biased_readings():
     lengths, rough = every.shapes
     rows, _ = rows_of(batch, ROUGH, states, lengths, None, rough)
     rest = np.zeros((60, BATCH_STATES, BATCH_STATES))
-    found = few(every, 1e-5, 1.0)
+    found = few(every, 1e-5, 1.0, True)
     seen, off = (
         Seen.of(rows._replace(level=rows.level + more), rest, ROUGH, found) for more in (0.0, 5e-5)
     )

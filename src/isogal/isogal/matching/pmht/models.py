@@ -432,18 +432,18 @@ def table_of(
     )
 
 
-def few(models: Models, noise: float, most: float) -> Models:
-    """Return the models by which a place is searched for: those without a fault but a bias, of the
-    noise, whose variances are a decade apart and at most so many times what is specified, or of a
-    filter, whose time constants are a factor of two apart, since cells are ranked by them as they
-    are; of the usual length, with no map error and with sigmas that are at least a factor of two
-    apart, down to what readings of a 1-sigma can distinguish."""
+def few(models: Models, noise: float, most: float, biased: bool) -> Models:
+    """Return the models by which a place is searched for: those without a fault but of the noise,
+    whose variances are a decade apart and at most so many times what is specified, or of a filter,
+    whose time constants are a factor of two apart, since cells are ranked by them as they are, or
+    of a bias, if that is asked for; of the usual length, with no map error and with sigmas that
+    are at least a factor of two apart, down to what readings of a 1-sigma can distinguish."""
     index = np.arange(float(len(models.sigma)))
     every_second = (largest(index, models.group) - index) % 2.0 == 0.0  # step of SIGMA_STEP
     shown = every_second & (models.sigma > NARROW * noise * np.sqrt(models.noise))
     later = models.initial[:, [DRIFT - len(UNKNOWN), DELAY - len(UNKNOWN)]]
     single = (later <= later[models.family == NONE].max(axis=0)).all(axis=1)
-    wanted = np.isin(models.family, (NONE, BIASED, NOISIER))
+    wanted = np.isin(models.family, (NONE, NOISIER, BIASED) if biased else (NONE, NOISIER))
     wanted = single & (wanted | (models.family == FILTERED) & (models.lag == LAGS[0]))
     wanted &= np.isin(models.noise, (1.0, *DECADES)) & (models.noise <= most)
     wanted &= (models.length == np.median(models.length)) & (shown | (models.sigma == 0.0))

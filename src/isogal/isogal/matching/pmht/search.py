@@ -259,9 +259,12 @@ def probability_at(diverged: Diverged, lead: FieldMemory, field_map: AnyMap, now
 
 
 def _seen(diverged: Diverged, lead: FieldMemory, field_map: AnyMap) -> tuple[Seen, Array, Array]:
-    """Return what cells are ranked by, and A and b of `unaided`."""
+    """Return what cells are ranked by, and A and b of `unaided`.
+
+    Readings with a bias fit at many more places: they may have one where an hour of readings has
+    not been enough."""
     rows, since, A, b = unaided(diverged.past, diverged.start)
-    models = few(lead.models, usual_noise(rows), noisiest(rows))
+    models = few(lead.models, usual_noise(rows), noisiest(rows), not diverged.whole)
     return Seen.of(rows, since, field_map, models), A, b
 
 
