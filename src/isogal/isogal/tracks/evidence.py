@@ -262,25 +262,20 @@ class Seen:
         """Return (m, C) at shifts (C, 2); NaN off the map."""
         return self.rows.mean(residuals_at(self.readings, self.field_map.grid, centres))
 
-    def relative(self, centres: Array) -> tuple[Array, Array]:
+    def relative(self, centres: Array) -> Array:
         """Return (C,) the RMS 1-sigma along the track at shifts (C, 2) by a map that says it node
-        by node, over that where the track probably is, as far as models reach; and (m, C) by how
-        much larger that of rows is as they are off the map. 1 of another map."""
+        by node, over that where the track probably is, as far as models reach; 1 of another."""
         if self.around is None or not self.around.uneven:
-            return np.ones(len(centres)), np.ones((len(self.rows.first), len(centres)))
-        readings, rows, field_map = self.readings, self.rows, self.around.field
-        own, doubt = np.zeros(len(centres)), np.zeros((len(rows.first), len(centres)))
-        for t, radian in enumerate(readings.radian):
-            north, east = (centres * radian).T
+            return np.ones(len(centres))
+        readings, field_map = self.readings, self.around.field
+        square = np.zeros(len(centres))
+        for t in self.points:
+            north, east = (centres * readings.radian[t]).T
             place = readings.latitude[t] - north, readings.longitude[t] - east
-            own += np.nan_to_num(field_map.linear(field_map.sigma, *place)) ** 2
-            square = np.nan_to_num(field_map.linear(self.around.doubt, *place)) ** 2
-            doubt[rows.of[t]] += square / rows.count[rows.of[t]]
-        usual = (self.around.uneven * self.load(0)) ** 2
-        ratio = np.sqrt(own / (len(readings.level) * max(float(usual.mean()), 1e-300)))
-        base = (usual + self.white)[:, None]
-        off = (base + doubt) / (base + np.diag(self.known)[:, None])
-        return np.clip(ratio, OWN[0], OWN[-1]), np.sqrt(off)
+            for nodes in (field_map.sigma, self.around.doubt):
+                square += np.nan_to_num(field_map.linear(nodes, *place)) ** 2
+        square /= len(self.points) * max(self.own_variance, 1e-300)
+        return np.clip(np.sqrt(square), OWN[0], OWN[-1])
 
     def covariance(self, m: int, cell: float) -> Array:
         """Return (m, m) R of a model in cells of a size (m)."""
@@ -303,17 +298,15 @@ class Seen:
         ends = np.unique([*np.arange(BLOCKS) * new // BLOCKS, new])
         blocks = np.repeat(np.eye(len(ends) - 1), np.diff(ends), axis=1)  # (B, rows): sums
         parts = np.empty((len(which), len(blocks), len(centres)))
-        relative, off = self.relative(centres)
-        residual = residual / off
         for k, m in enumerate(which):
             factor = np.linalg.cholesky(self.covariance(m, cell))
             term = (np.linalg.inv(factor) @ residual)[old:]
             term *= -0.5 * term
             parts[k] = np.logaddexp(blocks @ term, blocks @ with_heavy_tails(term))
             parts[k] -= (blocks @ np.log(np.diag(factor))[old:])[:, None]
-        parts -= blocks @ np.log(off)[old:] + math.log(2.0)
+        parts -= math.log(2.0)
         parts[:, :, ~known] = -1e6
-        stated = stated_there(self.models, self.assumed, relative)
+        stated = stated_there(self.models, self.assumed, self.relative(centres))
         return replace(self, which=which, parts=parts, stated=stated)
 
 
