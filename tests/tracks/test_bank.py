@@ -25,7 +25,6 @@ from isogal.tracks.continued_map import continued
 from isogal.tracks.evidence import Seen, correlations, held_together, with_heavy_tails
 from isogal.tracks.matching import Uncertainty, match_track
 from isogal.tracks.models import (
-    BY_PLACE,
     EVEN,
     LENGTHS,
     PATTERNS,
@@ -69,28 +68,27 @@ def test_evidence_of_blocks_is_that_of_a_multivariate_normal_distribution(monkey
     assert np.isclose(np.exp(seen.models.log_prior).sum(), 1.0)
 
 
-def test_errors_of_each_place_are_those_that_the_map_says_there(monkeypatch):
-    monkeypatch.setattr("isogal.tracks.evidence.with_heavy_tails", lambda log_normal: log_normal)
+def test_at_each_place_the_error_that_the_map_says_there_is_the_likeliest_before_any_reading():
     rows, columns = DISTURBANCE.values.shape
     north = np.broadcast_to(np.linspace(1e-5, 9e-5, rows)[:, None], (rows, columns))
     field_map = replace(DISTURBANCE, sigma=north)
     batch, _ = make_batch(field_map, velocity=(0.0, 60.0), scans=20)
-    centres = np.array([[0.0, 0.0], [4000.0, 0.0]])
+    centres = np.array([[0.0, 0.0], [6000.0, 0.0], [-3000.0, 0.0]])
     seen = seen_of(batch, field_map).placed(centres[:1], np.ones(1))
-    which = np.flatnonzero(pattern_of(seen.models) == BY_PLACE)[::29]
-    relative, residual = seen.relative(centres), seen.residuals(centres)
-    there = field_map.sigma_at(
-        batch.latitude - 4000.0 / metres_per_radian(ORIGIN[0])[0], batch.longitude
-    )
-    usual = field_map.sigma_at(batch.latitude, batch.longitude)
-    expected = np.hypot(there, batch.sigma) / np.hypot(usual, batch.sigma)
-    np.testing.assert_allclose(relative, np.column_stack([np.ones(20), expected]), rtol=1e-3)
-    parts = seen.at(centres, 50.0, which).parts.sum(axis=1)
-    for found, m in zip(parts, which.tolist(), strict=True):
-        for k, at in enumerate(relative.T):
-            normal = multivariate_normal(np.zeros(20), np.outer(at, at) * seen.covariance(m, 50.0))
-            log = normal.logpdf(residual[:, k]) + 10.0 * np.log(2.0 * np.pi)
-            np.testing.assert_allclose(found[k], log, rtol=1e-8)
+    radian = metres_per_radian(ORIGIN[0])[0]
+    there = [field_map.sigma_at(ORIGIN[0] - shift / radian, ORIGIN[1]) for shift in centres[:, 0]]
+    expected = np.array(there) / there[0]
+    np.testing.assert_allclose(seen.relative(centres), expected, rtol=1e-2)
+    every = np.arange(len(seen.models.sigma))
+    seen = seen.at(centres, 50.0, every)
+    # of each sigma, shape and length: a log-normal density of the sigma's, whose middle moves
+    prior = seen.by_model - seen.parts.sum(axis=1)
+    np.testing.assert_allclose(prior[:, 0], seen.models.log_prior, atol=1e-2)
+    np.testing.assert_allclose(np.exp(prior).sum(axis=0), 1.0, rtol=1e-6)
+    mean = np.exp(prior).T @ np.log(seen.models.sigma)
+    assert mean[1] < mean[0] < mean[2]
+    exact = seen_of(batch, field_map, options={"trust": 1.0}).placed(centres[:1], np.ones(1))
+    assert not exact.at(centres, 50.0, np.arange(1)).stated.any()
 
 
 def models(field_map=DISTURBANCE, **said):

@@ -14,7 +14,7 @@ from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
 from isogal.maps.variability import feature_variability
 
-SIZE = 0.35
+SIZE = 0.4
 """1-sigma of the displacement where a map tells nothing, in correlation lengths of the map's
 error: measured (docs/evidence/real-data.md)."""
 EXTENT = 50.0

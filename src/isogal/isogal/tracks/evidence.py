@@ -25,14 +25,14 @@ from isogal.maps.error_model import decay, displacements, shares, tensor_covaria
 from isogal.maps.field_map import FieldMap
 from isogal.matching.interfaces import Batch, SecondaryBatch
 from isogal.matching.pmht.cells import FEATURE_M, in_common, residuals_at, slopes, states_at
-from isogal.matching.pmht.models import Models
+from isogal.matching.pmht.models import Assumed, Models, assumed
 from isogal.matching.pmht.rows import Rows, rows_of
 from isogal.matching.pmht.states import States
 from isogal.matching.quasi_random import standard_normal
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.tracks.averaging import few, neighbours
 from isogal.tracks.continued_map import ContinuedMap, continued
-from isogal.tracks.models import BY_PLACE, PATTERNS, SHAPES, pattern_of, track_models
+from isogal.tracks.models import OWN, PATTERNS, SHAPES, stated_there, track_models
 from isogal.tracks.track import FEWEST
 
 MAP_REACH, POSSIBLE, SURE = 4.0, 0.05, 0.95
@@ -70,6 +70,7 @@ class Seen:
     field_map: AnyMap
     around: ContinuedMap | None
     """That map, continued; None = of several channels, which is not."""
+    assumed: Assumed
     models: Models
     apart: Array
     """(p, p, 2) m from point to point of the rows."""
@@ -91,6 +92,8 @@ class Seen:
     parts: Array
     """(M, B, C) what each block of new rows adds, given those before it, to the log evidence of
     these models at C cells; of a cell off the map, nearly -inf."""
+    stated: Array
+    """(all models, C) what the map's own 1-sigma in each cell adds to their log prior."""
 
     @classmethod
     def of(cls, one: SecondaryBatch, settings: MatcherSettings, name: str) -> "Seen | None":
@@ -135,7 +138,8 @@ class Seen:
         slope = slopes(field_map, latitude, longitude, distance)
         initial, of_instrument = np.unique(models.initial, axis=0, return_inverse=True)
         return cls(
-            name, readings, old, unused, rows, points, field_map, around, models, apart,
+            name, readings, old, unused, rows, points, field_map, around,
+            assumed(settings, batch, field_map), models, apart,
             of_means(rows, points, every), 1.0,
             np.zeros(2 * [len(rows.first)]),
             of_means(rows, points, [slope])[0] / 6.0,
@@ -143,6 +147,7 @@ class Seen:
             of_instrument.ravel(),
             np.arange(len(models.sigma)),
             np.zeros((len(models.sigma), 1, 1)),
+            np.zeros((len(models.sigma), 1)),
         )  # fmt: skip
 
     def without(self, rows: Booleans) -> "Seen":
@@ -182,7 +187,8 @@ class Seen:
     @property
     def by_model(self) -> Array:
         """(M, C) log densities of the readings, with the models' prior."""
-        return np.asarray(self.parts.sum(axis=1) + self.models.log_prior[self.which, None])
+        prior = self.models.log_prior[:, None] + self.stated
+        return np.asarray(self.parts.sum(axis=1) + prior[self.which])
 
     @property
     def log_density(self) -> Array:
@@ -257,19 +263,19 @@ class Seen:
         return self.rows.mean(residuals_at(self.readings, self.field_map.grid, centres))
 
     def relative(self, centres: Array) -> Array:
-        """Return (m, C) the 1-sigma of rows at shifts (C, 2) by a map that says it node by node,
-        over that where the track probably is."""
-        assert self.around is not None
+        """Return (C,) the RMS 1-sigma along the track at shifts (C, 2) by a map that says it node
+        by node, over that where the track probably is, as far as models reach; 1 of another."""
+        if self.around is None or not self.around.uneven:
+            return np.ones(len(centres))
         readings, field_map = self.readings, self.around.field
-        square = np.zeros((len(readings.level), len(centres)))
-        for t, radian in enumerate(readings.radian):
-            north, east = (centres * radian).T
+        square = np.zeros(len(centres))
+        for t in self.points:
+            north, east = (centres * readings.radian[t]).T
             place = readings.latitude[t] - north, readings.longitude[t] - east
             for nodes in (field_map.sigma, self.around.doubt):
-                square[t] += np.nan_to_num(field_map.linear(nodes, *place)) ** 2
-        probably = (self.around.uneven * self.load(0)) ** 2 + np.diag(self.known)
-        both = np.column_stack([self.rows.mean(square), probably]) + self.white[:, None]
-        return np.sqrt(both[:, :-1] / both[:, -1:])
+                square += np.nan_to_num(field_map.linear(nodes, *place)) ** 2
+        square /= len(self.points) * max(self.own_variance, 1e-300)
+        return np.clip(np.sqrt(square), OWN[0], OWN[-1])
 
     def covariance(self, m: int, cell: float) -> Array:
         """Return (m, m) R of a model in cells of a size (m)."""
@@ -292,19 +298,16 @@ class Seen:
         ends = np.unique([*np.arange(BLOCKS) * new // BLOCKS, new])
         blocks = np.repeat(np.eye(len(ends) - 1), np.diff(ends), axis=1)  # (B, rows): sums
         parts = np.empty((len(which), len(blocks), len(centres)))
-        by_place = pattern_of(self.models)[which] == BY_PLACE
-        relative = self.relative(centres) if by_place.any() else np.ones_like(residual)
-        by_own, volume = residual / relative, blocks @ np.log(relative)[old:]
         for k, m in enumerate(which):
             factor = np.linalg.cholesky(self.covariance(m, cell))
-            term = (np.linalg.inv(factor) @ (by_own if by_place[k] else residual))[old:]
+            term = (np.linalg.inv(factor) @ residual)[old:]
             term *= -0.5 * term
             parts[k] = np.logaddexp(blocks @ term, blocks @ with_heavy_tails(term))
             parts[k] -= (blocks @ np.log(np.diag(factor))[old:])[:, None]
-        parts[by_place] -= volume
         parts -= math.log(2.0)
         parts[:, :, ~known] = -1e6
-        return replace(self, which=which, parts=parts)
+        stated = stated_there(self.models, self.assumed, self.relative(centres))
+        return replace(self, which=which, parts=parts, stated=stated)
 
 
 def on_map(batch: Batch, field_map: RouteMap, least: float) -> Batch:

@@ -3,15 +3,15 @@ before any reading: the bank's models (`isogal.matching.pmht.models`) with wider
 track is often all that one has.
 
 The map's error holds together over a length, as a random walk that is drawn back or smoother, is
-even (or as the map says where the track probably is, or says of each place) or goes with the map's
-gradient as that of values that are displaced does, and the readings have an unknown constant or
-none; sigma is on a logarithmic grid, and all combinations count (docs/mathematics.md, section
-10.2)."""
+even (or as the map says where the track probably is) or goes with the map's gradient as that of
+values that are displaced does, and the readings have an unknown constant or none; sigma is on a
+logarithmic grid, and all combinations count. What a map says of its sigma at a place is the prior
+there (docs/mathematics.md, section 10.2)."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import logsumexp
 
 from isogal.arrays import Array
 from isogal.maps.channels import AnyMap
@@ -21,6 +21,7 @@ from isogal.matching.pmht.models import (
     BIASED,
     NOISIER,
     NONE,
+    Assumed,
     Fault,
     Models,
     table_of,
@@ -35,10 +36,10 @@ OWN = np.geomspace(0.2, 4.0, 9)
 """Factors on a sigma that the map has of its own, node by node."""
 SHARES = (0.002, 1.0, 14)
 """Grid of a sigma that is not specified, least, largest, number: shares of the field's spread."""
-PATTERNS = 3
-EVEN, BY_GRADIENT, BY_PLACE = range(PATTERNS)
-"""How the map's error varies: along the track as the map says where it probably is, or not; with
-the map's gradient there; as the map says of each place that is compared."""
+PATTERNS = 2
+EVEN, BY_GRADIENT = range(PATTERNS)
+"""How the map's error varies along the track: as the map says where it probably is, or not; with
+the map's gradient there."""
 SHAPES = 2 * PATTERNS
 """Of the map's error for each length, so that `Models.shape` counts so many times as many: each
 pattern as a random walk that is drawn back, and smoother."""
@@ -88,10 +89,8 @@ def track_models(
     if one is None:
         return models
     uneven = not isinstance(one.sigma, float)
-    patterns = [EVEN, BY_GRADIENT] if uneven or assumed.sigma is None else [EVEN]
-    patterns += [BY_PLACE] if uneven else []
     # a specified length is that of an exponential, not what the map says of its usual one
-    return _of_shapes(models, patterns, not specified)
+    return _of_shapes(models, uneven or assumed.sigma is None, not specified)
 
 
 def _about(usual: float, trust: float, factors: Array) -> tuple[Array, Array]:
@@ -102,11 +101,11 @@ def _about(usual: float, trust: float, factors: Array) -> tuple[Array, Array]:
     return usual * factors, -0.5 * (np.log(factors) / math.log(trust)) ** 2
 
 
-def _of_shapes(models: Models, patterns: Sequence[int], smooth: bool) -> Models:
+def _of_shapes(models: Models, by_gradient: bool, smooth: bool) -> Models:
     count, wrong = len(models.lengths), models.sigma > 0.0
     parts = [models]
     for kind in range(1, SHAPES):
-        if kind % PATTERNS in patterns and (smooth or kind < PATTERNS):
+        if (by_gradient or kind % PATTERNS == EVEN) and (smooth or kind < PATTERNS):
             part = Models._make(column[wrong] for column in models)
             parts.append(part._replace(shape=part.shape + kind * count))
     whole = Models._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
@@ -116,3 +115,15 @@ def _of_shapes(models: Models, patterns: Sequence[int], smooth: bool) -> Models:
 def pattern_of(models: Models) -> Array:
     """Return (M,) how the map's error varies by each model."""
     return np.asarray(models.shape // len(models.lengths) % PATTERNS)
+
+
+def stated_there(models: Models, assumed: Assumed, relative: Array) -> Array:
+    """Return (M, C) what is added to the models' log prior at C places, of which the map says its
+    1-sigma to be so many times (C,) that for which the prior holds."""
+    sigmas, of_sigma = np.unique(models.sigma, return_inverse=True)
+    if assumed.sigma is None or len(sigmas) == 1:
+        return np.zeros((len(models.sigma), len(relative)))
+    off = np.log(sigmas / assumed.sigma)[:, None] - np.append(0.0, np.log(relative))
+    log = -0.5 * (off / math.log(assumed.trust)) ** 2
+    log -= logsumexp(log, axis=0)
+    return np.asarray(log[of_sigma, 1:] - log[of_sigma, :1])
