@@ -9,9 +9,6 @@ import pytest
 
 from isogal.maps.load import load_map
 
-HOOK = sys.excepthook
-"""That of `closed_loop`; a command that another test calls sets one of its own."""
-
 
 def test_a_folder_that_is_not_there(monkeypatch, capsys):
     monkeypatch.setattr(sys, "excepthook", sys.excepthook)  # which the parser replaces
@@ -30,7 +27,7 @@ def test_a_file_that_is_not_there(monkeypatch, capsys, read):
     closed_loop.parser("")
     with pytest.raises(Exception, match=r"no such file|No such file") as caught:
         read("nowhere/map.nc")
-    HOOK(caught.type, caught.value, caught.tb)
+    sys.excepthook(caught.type, caught.value, caught.tb)
     said = capsys.readouterr().err
     assert said.startswith("study.py: ")
     assert said.count("\n") == 1

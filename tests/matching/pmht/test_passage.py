@@ -111,6 +111,12 @@ def test_what_a_bias_adds_is_not_taken_for_new_at_every_fix() -> None:
     assert after < passage.after[HEADING, HEADING] + 0.3 * 99.0 * grown
 
 
+def test_before_any_sample_nothing_has_become_of_an_error() -> None:
+    model = filter_model(CAR)
+    still = Estimate(np.array([0.7, 0.2, 0.0]), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    assert InertialNavigator(model, FilterState.start(still, model)).since(0.0) is None
+
+
 @pytest.mark.parametrize(("turned", "bias"), [(0.3, 0.0), (-0.3, 0.0), (0.0, 5e-4), (0.3, 5e-4)])
 def test_another_heading_goes_another_way(turned, bias) -> None:
     one, other = driven(turned, bias)

@@ -54,6 +54,13 @@ def test_every_transition(scenario) -> None:
         assert made.node.finished
 
 
+def test_errors_are_logged_with_and_without_a_pause_between_them(scenario) -> None:
+    """rclpy takes one set of options for each line of code, and raises on another."""
+    with bench(topics.UKF_FUSION, scenario(), autostart=False) as made:
+        made.node.log(ERROR, "of a message", throttle_duration_sec=10.0)
+        made.node.log(ERROR, "of the node")
+
+
 def test_a_transition_that_the_state_does_not_have_is_refused(domain, scenario) -> None:
     """By a client, as lifecycle managers are: the executor would raise."""
     already, none = Transition.TRANSITION_ACTIVATE, 77

@@ -345,9 +345,9 @@ class InertialNavigator:
         if not self.model.follows_errors or self._impossible(since) is not None:
             return None
         first = self._segment_at(since)
-        *_, before, newest = self._segments
-        if newest is first:
+        if first is self._segments[-1]:
             return None
+        before, newest = self._segments[-2:]
         # measurements of the newest stamp may still come
         known = self._passed
         if known is None or known[0] != since or known[1] > before.end + AT_ONCE:

@@ -317,13 +317,16 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
 
     def log(self, level: bytes, text: str, **options: float) -> None:
         """Log a line at a level of the diagnostics."""
-        logger = self.get_logger()  # which takes one level for each line of code
+        logger = self.get_logger()  # which takes one level, and set of options, for each line
         if level == OK:
             logger.info(text)
         elif level == WARN:
             logger.warning(text)
         else:
-            logger.error(text, **options)
+            if options:
+                logger.error(text, **options)
+            else:
+                logger.error(text)
             if self.bus is not None:
                 self.bus.errors.append(f"{logger.name}: {text}")
 
