@@ -457,6 +457,14 @@ def test_a_search_has_few_models():
     assert len(few(models(sigma=0.0, trust=1.0), 1e-5, np.inf, True).sigma) == 1
 
 
+def test_a_gradiometer_of_one_channel_has_no_states_of_which_a_search_asks():
+    alone = replace(states_of(), names=(), sigma=np.zeros(0), time=np.zeros(0), walk=np.zeros(0))
+    alone = replace(alone, unknown=0, smooth=False, channels=1)
+    every = models_of(Assumed(noise=1e-5, scale=1e-4, rough=1e-5), alone)
+    assert every.initial.shape[1] == 1
+    assert set(few(every, 1e-5, np.inf, True).family) == {NONE, NOISIER}
+
+
 @pytest.mark.parametrize("factor", [1.0, 30.0])
 @pytest.mark.parametrize("count", [6, 60, 240])
 def test_readings_that_change_little_are_of_little_noise(factor, count):

@@ -441,10 +441,12 @@ def few(models: Models, noise: float, most: float, biased: bool) -> Models:
     index = np.arange(float(len(models.sigma)))
     every_second = (largest(index, models.group) - index) % 2.0 == 0.0  # step of SIGMA_STEP
     shown = every_second & (models.sigma > NARROW * noise * np.sqrt(models.noise))
-    later = models.initial[:, [DRIFT - len(UNKNOWN), DELAY - len(UNKNOWN)]]
-    single = (later <= later[models.family == NONE].max(axis=0)).all(axis=1)
-    wanted = np.isin(models.family, (NONE, NOISIER, BIASED) if biased else (NONE, NOISIER))
-    wanted = single & (wanted | (models.family == FILTERED) & (models.lag == LAGS[0]))
+    wanted = np.isin(models.family, (NONE, NOISIER))
+    one = (models.family == FILTERED) & (models.lag == LAGS[0])
+    one |= biased & (models.family == BIASED)
+    if one.any():  # without a delay or a drift beside it
+        also = models.initial[:, [DRIFT - len(UNKNOWN), DELAY - len(UNKNOWN)]]
+        wanted |= one & (also <= also[models.family == NONE].max(axis=0)).all(axis=1)
     wanted &= np.isin(models.noise, (1.0, *DECADES)) & (models.noise <= most)
     wanted &= (models.length == np.median(models.length)) & (shown | (models.sigma == 0.0))
     part = Models._make(column[wanted] for column in models)
