@@ -29,6 +29,7 @@ from isogal.fusion.assumed import filter_model
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.imu_states import states
 from isogal.fusion.measurements import HeightReading, PositionFix
+from isogal.fusion.clone import Clone
 from isogal.fusion.model import FilterModel
 from isogal.fusion.prediction import FilterDivergenceError, propagate
 from isogal.fusion.state import FilterState
@@ -162,9 +163,14 @@ def test_filter_equals_reference(heading: float, parameters: tuple[float, float,
             # is not the same for a large turn
             height[:] = np.nan
         compiled, by_filterpy = start.copy(), start.copy()
+        for one in (compiled, by_filterpy):
+            one.clone = Clone.of(one.covariance)
         track = propagate(compiled, model, force, rate, height)
         theirs = propagate(by_filterpy, replace(model, filter="reference"), force, rate, height)
         assert_close(compiled, by_filterpy, 1e-8, 2e-8)
+        for ours, other in zip(compiled.clone, by_filterpy.clone, strict=True):
+            unit = sigma if ours.ndim == 1 else np.outer(sigma, sigma)
+            np.testing.assert_allclose(ours / unit, other / unit, atol=1e-6)
         np.testing.assert_array_equal(track[-1, :10], np.concatenate(compiled.estimate))
         np.testing.assert_allclose(track, theirs, rtol=1e-6, atol=1e-6)
 

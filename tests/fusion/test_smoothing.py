@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from helpers.navigators import ROUTE, assert_close, error_between, fly, identical
+from isogal.fusion.clone import Clone, inform_clone
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import (
     InformationUpdate,
@@ -20,7 +21,6 @@ from isogal.fusion.measurements import (
 )
 from isogal.fusion.prediction import propagate
 from isogal.fusion.smoothed_track import SmoothedTrack, as_csv, as_geojson, as_gpx, write_smoothed
-from isogal.fusion.trace import Trace
 from isogal.inertial.error_state import BATCH, batch_covariance
 from isogal.scenario import Gravity, Height, Velocity
 
@@ -105,24 +105,33 @@ FLIGHTS = {
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_the_trace_reproduces_the_forward_covariance(name) -> None:
+def test_a_clone_says_how_the_error_goes_on(name) -> None:
     """P' = F P F' + Q with F from the cross-covariance and noise that is no less than that of the
-    sensors, and the same numbers as without a trace."""
+    sensors, and the same numbers as without a clone; a height says as much as one that comes
+    afterwards."""
     flight = FLIGHTS[name]
-    plain, traced = flight.start.copy(), flight.start.copy()
-    trace, samples = Trace.of(60, len(plain.covariance)), flight.samples(0, 60)
-    track = propagate(plain, flight.model, *samples)
-    np.testing.assert_array_equal(propagate(traced, flight.model, *samples, None, trace), track)
-    assert identical(plain, traced)
-    np.testing.assert_array_equal(trace.filtered[-1], traced.covariance)
-    before = [flight.start.covariance, *trace.filtered[:-1]]
-    expected = np.array(flight.model.noise[:3]).min() ** 2
-    for P, C, after in zip(before, trace.cross, trace.predicted, strict=True):
-        sigma = np.sqrt(np.diag(after))
-        F = np.linalg.solve(scaled(P, sigma), scaled(C, sigma)).T
-        noise = scaled(after, sigma) - F @ scaled(P, sigma) @ F.T
+    state, expected = flight.start.copy(), np.array(flight.model.noise[:3]).min() ** 2
+    for k in range(60):
+        force, rate, height = flight.samples(k, k + 1)
+        before, plain, unmeasured = state.covariance.copy(), state.copy(), state.copy()
+        for one in (state, unmeasured):
+            one.clone = Clone.of(one.covariance)
+        propagate(state, flight.model, force, rate, height)
+        propagate(plain, flight.model, force, rate, height)
+        propagate(unmeasured, flight.model, force, rate, np.full_like(height, np.nan))
+        assert identical(plain, state)
+        clone, P = unmeasured.clone, unmeasured.covariance
+        sigma = np.sqrt(np.diag(P))
+        F = np.linalg.solve(scaled(before, sigma), scaled(clone.cross, sigma)).T
+        noise = scaled(P, sigma) - F @ scaled(before, sigma) @ F.T
         assert np.linalg.eigvalsh(noise).min() > -1e-9
         assert (np.diag(noise)[3:6] * sigma[3:6] ** 2).min() > 0.99 * expected
+        moved = error_between(state, unmeasured)
+        inform_clone(clone, P, state.covariance, moved)
+        unit = np.sqrt(np.diag(before))
+        np.testing.assert_allclose(clone.shift / unit, state.clone.shift / unit, atol=1e-6)
+        for one, other in ((clone.change, state.clone.change), (clone.cross, state.clone.cross)):
+            np.testing.assert_allclose(scaled(one, unit), scaled(other, unit), atol=1e-6)
 
 
 def free(until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -144,11 +153,10 @@ def dense(schedule) -> tuple[list[np.ndarray], list[np.ndarray]]:
     C[:size, :size] = scaled(state.covariance, unit)
     M, pull = np.zeros_like(C), np.zeros(count * size)
     for k in range(1, count):
-        stamp, P, F = 10 * k, state.covariance.copy(), np.eye(size)
-        trace = Trace.of(10, size)
-        propagate(state, FLIGHT.model, *free(stamp), None, trace)
-        for before, cross in zip([P, *trace.predicted], trace.cross, strict=False):
-            F = np.linalg.solve(scaled(before, unit), scaled(cross, unit)).T @ F
+        stamp, P = 10 * k, state.covariance.copy()
+        state.clone = Clone.of(P)
+        propagate(state, FLIGHT.model, *free(stamp))
+        F = np.linalg.solve(scaled(P, unit), scaled(state.clone.cross, unit)).T
         Q = scaled(state.covariance, unit) - F @ scaled(P, unit) @ F.T
         here, last = slice(k * size, (k + 1) * size), slice((k - 1) * size, k * size)
         C[here, : k * size] = F @ C[last, : k * size]

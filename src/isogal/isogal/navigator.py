@@ -213,6 +213,7 @@ class Navigator:
             return None
         since = self.inertial.since(self._ends[1])
         self._ends = self._ends[1], self.time
+        self.inertial.keep(self.time)
         matched = self.matching.match(self.state.batch_prior, since=since)
         self._scan_times = np.unique(matched.batch.time)  # a scan of several channels has rows
         return matched

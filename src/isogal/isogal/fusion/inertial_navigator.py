@@ -15,12 +15,13 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.aid_monitor import AidMonitor, Without, aid_of, by_itself, of_aid
+from isogal.fusion.clone import Clone
 from isogal.fusion.measurements import Innovation, Measurement
 from isogal.fusion.measurements.ground_velocity import GNSS
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, grow, steady_sample
-from isogal.fusion.passage import passage_of
+from isogal.fusion.passage import passage_of, rows_of
 from isogal.fusion.prediction import (
     TRACK_COLUMNS,
     FilterDivergenceError,
@@ -28,7 +29,7 @@ from isogal.fusion.prediction import (
     require_definite,
 )
 from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
-from isogal.fusion.smoothing import Way, smoothed, way_over
+from isogal.fusion.smoothing import smoothed
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import batch_difference
@@ -80,8 +81,8 @@ class InertialNavigator:
         state = mixture.merged
         self._unaided: list[Without] = []
         """See `unaided`: what was known at its last calls."""
-        self._passed: tuple[float, float, Way | None] | None = None
-        """See `passage`: since when, up to when, and the way back."""
+        self._kept = math.nan
+        """Time of the errors that are kept along (`keep`), s; NaN = none."""
         self._newest_aid = -math.inf
         """Time of the newest measurement of an aid that says where the vehicle is, s."""
         self.monitors: dict[str, AidMonitor] = {}
@@ -229,8 +230,6 @@ class InertialNavigator:
         oldest = min(time for time, _ in measurements)
         while self._unaided and oldest <= self._unaided[-1].time + AT_ONCE:
             self._unaided.pop()
-        if self._passed is not None and oldest <= self._passed[1] + AT_ONCE:
-            self._passed = None
         before = self._segments[first].after.copy()
         try:
             results = self._apply(first, marked)
@@ -267,6 +266,7 @@ class InertialNavigator:
                 if place is segment:
                     results[k] = segment.after.update(one, self.model)
                     segment.measurements.append(one)
+            self._clone(segment)
         for state in self.known.states:
             require_definite(state)
         return [results[k] for k in range(len(marked))]
@@ -275,7 +275,7 @@ class InertialNavigator:
         """Forget the newest samples, which came one by one: they were not true. Up to one at which
         there was a measurement, the last true one stands for them."""
         self._unaided.clear()
-        self._passed = None
+        self._kept = math.nan
         first = max(1, len(self._segments) - samples)
         while len(self._segments) > first and not self._segments[-1].measurements:
             self._segments.pop()
@@ -347,27 +347,27 @@ class InertialNavigator:
         first = self._segment_at(since)
         if first is self._segments[-1]:
             return None
-        before, newest = self._segments[-2:]
-        # measurements of the newest stamp may still come
-        known = self._passed
-        if known is None or known[0] != since or known[1] > before.end + AT_ONCE:
-            known = since, since, way_over(first.after, [], self.model, self.motion)
-        way = self._way(known[2], known[1], before.end)
-        self._passed = since, before.end, way
-        way = self._way(way, before.end, newest.end)
-        if way is None:
+        if self._kept != since:
+            self.keep(since)
+        both = first.after, self._segments[-1].after
+        if max(len(one.states) for one in both) > 1 or not len(self.state.clone.shift):
             return None
-        return passage_of(since, first.after.merged, newest.after.merged, way, self.model)
+        return passage_of(since, *(one.merged for one in both), self.model)
 
-    def _way(self, way: Way | None, begin: float, end: float) -> Way | None:
-        """Return the way back over the history from a time (s) on that `way` leads to, up to
-        another."""
-        if way is None or end <= begin + AT_ONCE:
-            return way
-        first, last = self._index(begin), self._index(end)
-        segments = self._segments[first + 1 : last + 1]
-        more = way_over(self._segments[first].after, segments, self.model, self.motion)
-        return None if more is None else way.then(more)
+    def keep(self, time: float) -> None:
+        """Keep the errors of a time (s) of the history along from then on, instead of those of
+        another: `passage` asks for them, and need not go over all since then."""
+        if not self.model.follows_errors:
+            return
+        self._kept = time
+        self._clone(self._segment_at(time))
+        self._replay(self._index(time) + 1)
+
+    def _clone(self, segment: Segment) -> None:
+        """Begin to keep the errors after a segment where they are asked for."""
+        if abs(segment.end - self._kept) <= AT_ONCE:
+            for state in segment.after.states:
+                state.clone = Clone.of(state.covariance, rows_of(self.model))
 
     def samples(self, after: float, until: float) -> tuple[Array, Array]:
         """Return the stamps (K,), s, after a time and up to another, of the samples that the
@@ -430,7 +430,7 @@ class InertialNavigator:
         """Go on from what is known without an aid since a time: measurements of it after that
         never were."""
         self._unaided.clear()
-        self._passed = None
+        self._kept = math.nan
         first = self._index(without.since) + 1
         for segment in self._segments[first:]:
             segment.measurements[:] = [m for m in segment.measurements if not of_aid(m, source)]
@@ -442,7 +442,7 @@ class InertialNavigator:
     def go_on_from(self, time: float, known: Mixture) -> None:
         """Go on from what is known at a time (s) of the history, with the samples and measurements
         after it; all before is forgotten."""
-        self._passed = None
+        self._kept = math.nan
         first = self._segment_at(time)
         del self._segments[: self._index(time)]
         first.after = known
@@ -524,6 +524,7 @@ class InertialNavigator:
         self._carry(self._segments[index - 1].after, segment)
         for measurement in segment.measurements:
             segment.after.update(measurement, self.model)
+        self._clone(segment)
 
     def _carry(self, before: Mixture, segment: Segment) -> None:
         """Set what is known after a segment's samples from what was known before them."""

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.fusion.clone import NO_CLONE
 from isogal.fusion.measurements import InformationUpdate, Innovation, Measurement, Outcome
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import error_between, move
@@ -76,6 +77,7 @@ class Mixture:
             state.covariance + np.outer(by, by)
             for state, by in zip(self.states, apart - mean, strict=True)
         ]
+        one.clone = NO_CLONE
         one.covariance[:] = sum(weight * P for weight, P in zip(weights, about, strict=True))
         move(one.nominal, mean)
         return one, weights, about

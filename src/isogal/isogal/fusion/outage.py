@@ -31,7 +31,6 @@ from isogal.earth.gravity import normal_gravity_at
 from isogal.fusion.model import FilterModel
 from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
-from isogal.fusion.trace import Trace
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Velocity
 
@@ -226,7 +225,6 @@ def keep_going(
     model: FilterModel,
     seconds: float,
     height: float,
-    traces: list[Trace] | None = None,
     turns: Turns | None = None,
     rates: tuple[float, float] = (0.0, 0.0),
 ) -> None:
@@ -240,8 +238,6 @@ def keep_going(
     seconds : float
     height : float
         Known height, m; NaN = not known.
-    traces : list of Trace, optional
-        Receives one of each step.
     turns : Turns, optional
         How its turn rate changes; None = it keeps its attitude.
     rates : (float, float)
@@ -252,11 +248,7 @@ def keep_going(
         step, before = end - begin, turned
         turned = 0.0 if turns is None else turns.angle(seconds, rates, end)
         force, rate = steady_sample(state, (turned - before) / step)
-        trace = None if traces is None else Trace.of(1, model.states)
-        sample = force[None], rate[None], np.array([height])
-        propagate(state, model, *sample, step, trace)
-        if traces is not None and trace is not None:
-            traces.append(trace)
+        propagate(state, model, force[None], rate[None], np.array([height]), step)
 
 
 def _steps(seconds: float, turns: Turns | None) -> Array:

@@ -1,10 +1,9 @@
-"""What has become of a navigator's error between two times, from the way back of the smoother."""
+"""What has become of a navigator's error between two times, from a clone of the first."""
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.model import FilterModel
-from isogal.fusion.smoothing import Way
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH, BATCH_STATES, FILTER_NAMES
 from isogal.passage import Passage
@@ -19,27 +18,25 @@ SLOW = (
 and scale factor, the velocity aid's scale factor and its yaw (rad)."""
 
 
-def passage_of(
-    since: float, first: FilterState, last: FilterState, way: Way, model: FilterModel
-) -> Passage:
+def passage_of(since: float, first: FilterState, last: FilterState, model: FilterModel) -> Passage:
     """Return what has become of the error since a time (s), from the state there and the newest
-    one, and the way back from one to the other."""
-    taken = _taken(model)
+    one, which has a clone of the first (`rows_of`)."""
+    taken, clone = rows_of(model), last.clone
     slow = taken[BATCH_STATES:, 9:]
-    gain = np.eye(model.states) if way.gain is None else way.gain
+    before = taken @ first.covariance @ taken.T
     return Passage(
         since,
-        taken @ first.covariance @ taken.T,
-        -taken @ way.shift,
-        taken @ (first.covariance + way.change) @ taken.T,
-        taken @ gain @ last.covariance @ taken.T,
+        before,
+        -clone.shift,
+        before + clone.change,
+        clone.cross @ taken.T,
         taken @ last.covariance @ taken.T,
         first.velocity[:2].copy(),
         np.array([slow @ np.concatenate(one.nominal[3:]) for one in (first, last)]),
     )
 
 
-def _taken(model: FilterModel) -> Array:
+def rows_of(model: FilterModel) -> Array:
     """Return (n, N) the states of a passage per unit of the filter's."""
     places = {name: k for k, name in enumerate(FILTER_NAMES)} | model.places
     rows = [np.eye(model.states)[k] for k in BATCH]

@@ -10,7 +10,6 @@ from isogal.arrays import Array
 from isogal.fusion import ukf
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
-from isogal.fusion.trace import NONE, Trace
 from isogal.matrices import lower
 
 TRACK_COLUMNS = 13
@@ -37,9 +36,8 @@ def propagate(
     angular_rate: Array,
     height: Array,
     dt: float | None = None,
-    trace: Trace | None = None,
 ) -> Array:
-    """Advance a state over S intervals, in place; return (S, 13) the track.
+    """Advance a state and its clone over S intervals, in place; return (S, 13) the track.
 
     Parameters
     ----------
@@ -51,27 +49,27 @@ def propagate(
         Known or measured height after each interval, m, NaN = none.
     dt : float, optional
         The interval, s; default: the model's.
-    trace : Trace, optional
-        Of the S intervals; receives how their states are correlated, always by the compiled
-        filter.
 
     Raises
     ------
     FilterDivergenceError
         The covariance is no longer positive definite, or not finite; it is not repaired.
     """
-    compiled = model.filter != "reference" or trace is not None
     assumed = model.assumptions
     if dt is not None and dt != assumed.dt:
         assumed = assumed._replace(dt=dt)
     track = np.empty((len(specific_force), TRACK_COLUMNS))
     samples = [_in_one_layout(part) for part in (specific_force, angular_rate, height)]
-    mean, learnt = state.nominal, state.residual_gravity
-    if compiled:
-        kept = NONE if trace is None else trace
-        done = ukf.advance(mean, state.covariance, learnt, *samples, assumed, track, kept)
-    else:
-        done = _reference().advance(mean, state.covariance, learnt, *samples, assumed, track)
+    filtering = _reference() if model.filter == "reference" else ukf
+    done = filtering.advance(
+        state.nominal,
+        state.covariance,
+        state.residual_gravity,
+        *samples,
+        assumed,
+        track,
+        state.clone,
+    )
     if done < len(track):
         raise FilterDivergenceError(_LOST)
     require_definite(state)

@@ -10,6 +10,7 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import Auxiliary, add_gravity, add_input, of_gravity
+from isogal.fusion.clone import Clone, inform_clone
 from isogal.fusion.nominal import Nominal, error_between, move
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
@@ -27,6 +28,7 @@ def advance(
     height: Array,
     assumptions: Assumptions,
     track: Array,
+    clone: Clone,
 ) -> int:
     """Run prediction and the height update over S intervals, in place; return the steps done
     before a failure, as `ukf.advance` does.
@@ -44,6 +46,8 @@ def advance(
     assumptions : Assumptions
     track : (S, 13) array
         Receives the track (`isogal.fusion.prediction.TRACK_COLUMNS`).
+    clone : Clone
+        Carried along.
     """
     learnt = of_gravity(assumptions.auxiliary, residual_gravity)
     left, assumptions = learnt.variance.copy(), assumptions._replace(auxiliary=learnt)
@@ -52,9 +56,9 @@ def advance(
         spread = 0.5 * float(np.trace(unscented.P[:2, :2]))
         add_gravity(learnt, left, misplaced(assumptions.compensation, spread))
         try:
-            end = _predict(unscented, state, force[k], rate[k], assumptions)
+            end = _predict(unscented, state, force[k], rate[k], assumptions, clone)
             if assumptions.height_sigma > 0.0 and not np.isnan(known):
-                _take_height(unscented, float(known), end, assumptions)
+                _take_height(unscented, float(known), end, assumptions, clone)
         except (np.linalg.LinAlgError, ValueError):  # not positive definite, or not finite
             done = k
             break
@@ -67,7 +71,11 @@ def advance(
 
 
 def _take_height(
-    unscented: UnscentedKalmanFilter, height: float, state: Nominal, assumptions: Assumptions
+    unscented: UnscentedKalmanFilter,
+    height: float,
+    state: Nominal,
+    assumptions: Assumptions,
+    clone: Clone,
 ) -> None:
     """Update with a height (m), unless it is beyond the gate."""
     up, x, P = float(state.position[2]), unscented.x.copy(), unscented.P.copy()
@@ -79,6 +87,7 @@ def _take_height(
     unscented.update([height], hx=expected)
     if float(unscented.y @ unscented.SI @ unscented.y) > assumptions.height_gate:
         unscented.x, unscented.P = x, P
+    inform_clone(clone, P, unscented.P, unscented.x - x)
 
 
 def _unscented(covariance: Array, assumptions: Assumptions) -> UnscentedKalmanFilter:
@@ -96,6 +105,7 @@ def _predict(
     force: Array,
     rate: Array,
     assumptions: Assumptions,
+    clone: Clone,
 ) -> Nominal:
     """Predict over one interval; return the nominal state at its end, which filterpy's x is
     relative to then."""
@@ -113,13 +123,17 @@ def _predict(
         move(moved, error)
         return error_between(after(moved), centre)
 
-    axes, noise = matrix(centre.attitude), np.square(assumptions.noise) * assumptions.dt
     unscented.x = np.zeros(len(unscented.P))
+    before, P = unscented.points_fn.sigma_points(unscented.x, unscented.P), unscented.P
+    axes, noise = matrix(centre.attitude), np.square(assumptions.noise) * assumptions.dt
     unscented.Q = np.zeros_like(unscented.P)
     unscented.Q[3:6, 3:6] = axes @ np.diag(noise[:3]) @ axes.T
     unscented.Q[6:9, 6:9] = axes @ np.diag(noise[3:]) @ axes.T
     unscented.Q[FILTER_STATES:, FILTER_STATES:] = np.diag(power)
     unscented.predict(fx=process)
+    if len(clone.shift):
+        across = (unscented.Wc[:, None] * before).T @ unscented.sigmas_f
+        clone.cross[:] = clone.cross @ np.linalg.solve(P, across)
     return centre
 
 

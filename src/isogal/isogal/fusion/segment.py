@@ -10,7 +10,6 @@ from isogal.fusion.measurements import Measurement
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.outage import HELD, UnknownMotion, keep_going
-from isogal.fusion.trace import Trace
 
 AT_ONCE = 1e-6
 """s by which two stamps may differ that are the same time."""
@@ -52,15 +51,10 @@ class Segment:
         return later.change is None and abs(later.dt - self.dt) < AT_ONCE
 
     def bridged(
-        self,
-        before: Mixture,
-        model: FilterModel,
-        motion: UnknownMotion,
-        traces: list[Trace] | None = None,
+        self, before: Mixture, model: FilterModel, motion: UnknownMotion
     ) -> tuple[Mixture, list[UnknownMotion]]:
         """Return what is known after the time without samples before it, and of each state how the
-        vehicle may have moved meanwhile, by which it is still to grow; `before` may be changed.
-        `traces` receives those of the steps, as of `keep_going`."""
+        vehicle may have moved meanwhile, by which it is still to grow; `before` may be changed."""
         assert self.change is not None
         rate = float(self.rate[0, 2])
         rates = rate - float(self.change[1][2]), rate
@@ -71,7 +65,7 @@ class Segment:
         if self.missing <= HELD:
             return before, [motions[0][1]] * len(before.states)
         one = before.merged.copy()
-        keep_going(one, model, self.missing, float(self.height[0]), traces, motion.turns, rates)
+        keep_going(one, model, self.missing, float(self.height[0]), motion.turns, rates)
         after = Mixture.of(one)
         if len(motions) > 1:
             after = after.divided([probability for probability, _ in motions])

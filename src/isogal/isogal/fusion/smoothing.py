@@ -2,17 +2,13 @@
 
 A pass backwards over a navigator's history (Rauch, Tung & Striebel 1965; docs/mathematics.md,
 section 3.18). With m, P the filter's mean and covariance at a time and s, S what is known of then
-from all data, d = s - m and D = S - P go backwards by
+from all data, d = s - m and D = S - P go backwards over whatever happened by
 
-    over an interval        d = G d',            D = G D' G',     G = C P'^-1
-    over a measurement      d = d' + (m' - m),   D = D' + (P' - P)
+    d = G d' + b,        D = G D' G' + B,        G = C P'^-1
 
-where a prime marks what is later, P' over an interval is the predicted covariance, and C the
-covariance of the error before the interval with that after it, from the filter's own sigma points
-(Särkkä 2008). A measurement is of the same state, whatever its form: nothing more need be known of
-it than what it made of mean and covariance. What makes the navigator less certain without
-measuring anything (`Widening`, `SampleNoise`, a gap in the inertial data) is an interval in which
-noise comes in: C = P.
+where a prime marks what is later, and C is the covariance of the error before it with that after
+it, b and B what it has told of the error before: all of that is in a clone (`isogal.fusion.clone`)
+of the state before.
 
 While it is open what has happened (`isogal.fusion.mixture`), each state has d and D of its own and
 a probability, which is that of the end."""
@@ -25,17 +21,14 @@ from typing import NamedTuple
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.fusion.measurements import Measurement, SampleNoise, Widening
-from isogal.fusion.measurements.ground_velocity import GroundVelocity
+from isogal.fusion.clone import Clone
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import error_between, move
-from isogal.fusion.outage import UnknownMotion, grow
+from isogal.fusion.outage import HELD, UnknownMotion, grow
 from isogal.fusion.prediction import propagate
-from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
+from isogal.fusion.segment import AT_ONCE, Segment
 from isogal.fusion.state import FilterState
-from isogal.fusion.trace import Trace
-from isogal.inertial.rotations import cross_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,28 +60,24 @@ class Way(NamedTuple):
     """From hindsight after something to that before it: d = gain d' + shift, D = gain D' gain' +
     change."""
 
-    gain: Array | None
-    """(N, N); None = identity."""
+    gain: Array
+    """(N, N)."""
     shift: Array
     change: Array
 
-    def of(self, later: Hindsight) -> Hindsight:
-        """Return hindsight before it."""
-        if self.gain is None:
-            shift, change = later.shift, later.change
-        else:
-            shift = self.gain @ later.shift
-            change = self.gain @ later.change @ self.gain.T
-        change = change + self.change
-        return Hindsight(shift + self.shift, 0.5 * (change + change.T), later.log_weight)
+    @classmethod
+    def of(cls, state: FilterState) -> "Way":
+        """Return that over all that has happened to a state since its clone was of all its
+        errors."""
+        scale = np.sqrt(np.diag(state.covariance))
+        unit, across = state.covariance / np.outer(scale, scale), state.clone.cross / scale
+        return cls(np.linalg.solve(unit, across.T).T / scale, *state.clone[1:])
 
-    def then(self, later: "Way") -> "Way":
-        """Return the way back over it and over what comes after it."""
-        before = self.of(Hindsight(later.shift, later.change))
-        gain = later.gain if self.gain is None else self.gain
-        if self.gain is not None and later.gain is not None:
-            gain = self.gain @ later.gain
-        return Way(gain, before.shift, before.change)
+    def back(self, later: Hindsight) -> Hindsight:
+        """Return hindsight before it."""
+        change = self.gain @ later.change @ self.gain.T + self.change
+        shift = self.gain @ later.shift + self.shift
+        return Hindsight(shift, 0.5 * (change + change.T), later.log_weight)
 
 
 class _Stage(NamedTuple):
@@ -105,7 +94,7 @@ class _Stage(NamedTuple):
         """Return hindsight of each state before it."""
         found: list[list[Hindsight]] = [[] for _ in self.before]
         for (index, way), one in zip(self.each, later, strict=True):
-            found[index].append(way.of(one))
+            found[index].append(way.back(one))
         size = len(self.before[0].covariance)
         if self.merged is not None:
             every = [one for parts in found for one in parts]
@@ -201,116 +190,39 @@ def stages(
     before: Mixture, segment: Segment, model: FilterModel, motion: UnknownMotion
 ) -> list[_Stage]:
     """Return what happened to the states before a segment up to those after it, in order."""
-    now = before.copy()
-    found: list[_Stage] = []
+    now, found = before.copy(), list[_Stage]()
     if segment.change is not None:
-        now, found = _over_gap(now, segment, model, motion)
-    states = tuple(state.copy() for state in now.states)
-    ways = [_propagated(state, model, segment) for state in now.states]
-    found.append(_Stage(states, tuple(enumerate(ways))))
+        now, stage = _over_gap(now, segment, model, motion)
+        found.append(stage)
+    states, them = _begun(now), list(now.states)
+    for state in them:
+        propagate(state, model, segment.force, segment.rate, segment.height, segment.dt)
     for measurement in segment.measurements:
-        found.append(_measured(now, measurement, model))
-    return found
+        now.update(measurement, model)
+    which = [next(k for k, one in enumerate(them) if one is state) for state in now.states]
+    ways = [Way.of(state) for state in now.states]
+    return [*found, _Stage(states, tuple(zip(which, ways, strict=True)))]
 
 
-def _propagated(state: FilterState, model: FilterModel, segment: Segment) -> Way:
-    """Carry a state over a segment's samples, in place, and return the way back."""
-    trace = Trace.of(len(segment.force), len(state.covariance))
-    samples = segment.force, segment.rate, segment.height
-    propagate(state, model, *samples, segment.dt, trace)
-    return _way_back([trace])
-
-
-def _way_back(traces: Sequence[Trace]) -> Way:
-    """Return the way back over intervals one after the other."""
-    size = traces[0].cross.shape[-1]
-    gain, shift, change = np.eye(size), np.zeros(size), np.zeros((size, size))
-    for trace in traces:
-        each = _gains(trace.cross, trace.predicted)
-        by_height = trace.filtered - trace.predicted
-        for one, correction, reduced in zip(each, trace.correction, by_height, strict=True):
-            gain = gain @ one
-            shift += gain @ correction
-            change += gain @ reduced @ gain.T
-    return Way(gain, shift, change)
-
-
-def _gains(cross: Array, predicted: Array) -> Array:
-    """Return C P'^-1 (..., N, N), in units of the 1-sigmas."""
-    scale = np.sqrt(np.diagonal(predicted, axis1=-2, axis2=-1))
-    scaled = predicted / (scale[..., :, None] * scale[..., None, :])
-    across = cross / scale[..., None, :]
-    solved = np.linalg.solve(scaled, np.swapaxes(across, -1, -2))
-    return np.asarray(np.swapaxes(solved, -1, -2) / scale[..., None, :])
-
-
-def _widened(before: Array, after: Array) -> Way:
-    """Return the way back over noise that has come in."""
-    size = len(before)
-    return Way(_gains(before, after), np.zeros(size), np.zeros((size, size)))
-
-
-def _measured(now: Mixture, measurement: Measurement, model: FilterModel) -> _Stage:
-    """Update a mixture with a measurement, in place, and return what happened."""
-    before, them = tuple(state.copy() for state in now.states), list(now.states)
-    now.update(measurement, model)
-    each = []
+def _begun(now: Mixture) -> tuple[FilterState, ...]:
+    """Return copies of the states of a mixture, which keep a clone of themselves from now on."""
     for state in now.states:
-        index = next(k for k, one in enumerate(them) if one is state)
-        was = before[index]
-        if isinstance(measurement, Widening | SampleNoise):
-            way = _widened(was.covariance, state.covariance)
-        else:
-            way = _informed(was, state, model, isinstance(measurement, GroundVelocity))
-        each.append((index, way))
-    return _Stage(before, tuple(each))
-
-
-def _informed(was: FilterState, state: FilterState, model: FilterModel, over_ground: bool) -> Way:
-    """Return the way back over a measurement, which re-expresses errors of the velocity
-    (`isogal.fusion.measurements.model.moved`)."""
-    shift, gain = error_between(state.nominal, was.nominal), None
-    after = state.covariance
-    if model.unsure_heading and not over_ground:
-        gain = np.eye(len(after))
-        gain[3:6, 6:9] = cross_matrix(state.velocity - was.velocity)
-        after = gain @ after @ gain.T
-    return Way(gain, shift, after - was.covariance)
-
-
-def way_over(
-    before: Mixture, segments: Sequence[Segment], model: FilterModel, motion: UnknownMotion
-) -> Way | None:
-    """Return the way back over segments that follow one another on what is known before them;
-    None while it is open what has happened."""
-    size = model.states
-    way = Way(None, np.zeros(size), np.zeros((size, size)))
-    for those in runs(segments):
-        for stage in stages(before, joined(those), model, motion):
-            if len(stage.before) != 1 or len(stage.each) != 1:
-                return None
-            way = way.then(stage.each[0][1])
-        before = those[-1].after
-    return way
+        state.clone = Clone.of(state.covariance)
+    return tuple(state.copy() for state in now.states)
 
 
 def _over_gap(
     now: Mixture, segment: Segment, model: FilterModel, motion: UnknownMotion
-) -> tuple[Mixture, list[_Stage]]:
+) -> tuple[Mixture, _Stage]:
     """Carry a mixture over the time without samples before a segment, and return it and what
     happened."""
-    several = tuple(state.copy() for state in now.states)
-    traces: list[Trace] = []
-    after, motions = segment.bridged(now, model, motion, traces)
-    found, before = [], several
-    if traces:
-        merged = now.merged.copy() if len(several) > 1 else None
-        found.append(_Stage(several, ((0, _way_back(traces)),), merged))
-        before = (after.states[0].copy(),)  # they are still the same
-    ways = []
-    for index, (state, seen) in enumerate(zip(after.states, motions, strict=True)):
-        was = state.covariance.copy()
+    states, merged, whole = _begun(now), None, segment.missing > HELD
+    if whole and len(states) > 1:
+        merged = now.merged.copy()
+        now = Mixture.of(merged.copy())
+        _begun(now)
+    after, motions = segment.bridged(now, model, motion)
+    for state, seen in zip(after.states, motions, strict=True):
         grow(state, segment.missing, seen)
-        ways.append((0 if traces else index, _widened(was, state.covariance)))
-    found.append(_Stage(before, tuple(ways)))
-    return after, found
+    each = [(0 if whole else k, Way.of(state)) for k, state in enumerate(after.states)]
+    return after, _Stage(states, tuple(each), merged)

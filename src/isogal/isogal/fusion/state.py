@@ -7,6 +7,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
+from isogal.fusion.clone import NO_CLONE, Clone
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import Nominal
 from isogal.inertial.error_state import BATCH, Estimate
@@ -37,6 +38,8 @@ class FilterState:
     residual_gravity: Array
     """(2,) 1-sigma (m/s²) and correlation length (m) of the horizontal gravity that no
     compensation takes off, since the map's error has been learnt; 0 = as the model has it."""
+    clone: Clone = field(default=NO_CLONE, kw_only=True)
+    """Errors of an earlier time that are kept along."""
     contradicted: dict[str, int] = field(default_factory=dict, kw_only=True)
     """How many readings of an aid, by its name, have to agree before it is used again: fixes, or
     other sensors, have contradicted a navigator that used it."""
@@ -69,6 +72,7 @@ class FilterState:
             self.auxiliary.copy(),
             self.covariance.copy(),
             self.residual_gravity.copy(),
+            clone=self.clone.copy(),
             contradicted=self.contradicted.copy(),
             insisting=self.insisting.copy(),
         )

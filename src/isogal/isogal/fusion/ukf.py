@@ -23,6 +23,7 @@ from isogal.fusion.auxiliary import (
     spread_input,
     tail_points,
 )
+from isogal.fusion.clone import Clone, carry_clone, inform_clone_of_scalar
 from isogal.fusion.nominal import Nominal, move
 from isogal.fusion.sigma_points import (
     CENTRE,
@@ -39,7 +40,6 @@ from isogal.fusion.sigma_points import (
 from isogal.fusion.sigma_points import (
     CORE as N,
 )
-from isogal.fusion.trace import Trace, record_cross, record_filtered, record_predicted
 from isogal.inertial.gravity import Compensation, horizontal_gravity, misplaced
 from isogal.inertial.rotations import INLINE, rotate
 
@@ -94,11 +94,13 @@ def update_height(
     covariance: Array,
     height: float,
     assumptions: Assumptions,
+    clone: Clone,
     gain: Array,
     error: Array,
 ) -> None:
-    """Update a state with a height (m), in place, unless it is beyond the gate; `gain` (W,) and
-    `error` (W,) are work space. See `isogal.fusion.measurements.height` for what it contains."""
+    """Update a state and a clone with a height (m), in place, unless it is beyond the gate; `gain`
+    (W,) and `error` (W,) are work space. See `isogal.fusion.measurements.height` for what it
+    contains."""
     up, sigma = nominal.position[2], assumptions.height_sigma
     innovation = up - height  # measured minus predicted, positive down
     for i in range(columns(n)):
@@ -115,6 +117,12 @@ def update_height(
     inverse = 1.0 / (variance + sigma * sigma)
     if innovation * innovation * inverse > assumptions.height_gate:
         return
+    for i in range(clone.cross.shape[0]):
+        error[i] = clone.cross[i, 2]
+        for j in range(n - N):
+            contents = assumptions.height_offset[j] + assumptions.height_share[j] * up
+            error[i] -= contents * clone.cross[i, N + j]
+    inform_clone_of_scalar(n, clone, error, gain, innovation, inverse)
     for i in range(columns(n)):
         error[i] = gain[i] * (innovation * inverse)
     for a in range(n):
@@ -152,7 +160,7 @@ def advance(
     height: Array,
     assumptions: Assumptions,
     track: Array,
-    trace: Trace,
+    clone: Clone,
 ) -> int:
     """Run prediction and the height update over S intervals, in place; return the steps done
     before the covariance was no longer positive definite, S where it is.
@@ -160,7 +168,7 @@ def advance(
     `force`, `rate` (S, 3) are the means over each interval in body axes, `height` (S,) m the known
     height after each, NaN where it is not known, `residual_gravity` (2,) as `FilterState` has it.
     `track` (S, 13) receives position, velocity and attitude after each interval, and the
-    covariance of the position: north, north-east, east; `trace` what it is asked for."""
+    covariance of the position: north, north-east, east; `clone` is carried along."""
     steps = force.shape[0]
     dt, noise, weights = assumptions.dt, assumptions.noise, assumptions.weights
     compensation, coning = assumptions.compensation, assumptions.coning
@@ -208,7 +216,7 @@ def advance(
         tail_points(auxiliary, q, f, w, dt, factor, odd, total)
         errors_of(ends, points)
         moments(n, points, even, odd, weights, mean, P)
-        record_cross(n, factor, odd, weights, auxiliary, v, dt, trace, k)
+        carry_clone(n, factor, odd, weights, auxiliary, v, dt, clone, gain)
         age(auxiliary, nominal.auxiliary, v, dt, P)
         for i in range(3):
             x[i], v[i] = ends[i, CENTRE], ends[3 + i, CENTRE]
@@ -216,10 +224,8 @@ def advance(
             q[i] = ends[6 + i, CENTRE]
         add_noise(q, noise, dt, P)
         move(nominal, mean)
-        record_predicted(n, P, mean, trace, k)
         if assumptions.height_sigma > 0.0 and not math.isnan(height[k]):
-            update_height(n, nominal, P, height[k], assumptions, gain, mean)
-        record_filtered(n, P, mean, trace, k)
+            update_height(n, nominal, P, height[k], assumptions, clone, gain, mean)
         write_row(nominal, P, track, k)
     write_symmetric(n, P, covariance)
     return done

@@ -9,6 +9,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
+from isogal.fusion.clone import inform_clone
 from isogal.fusion.gate import beyond
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import move
@@ -156,8 +157,8 @@ def moved(
     correction: Array,
     over_ground: bool = False,
 ) -> None:
-    """Move a state by a correction (N,), in place; the covariance (N, N) is that of the errors
-    from where it was.
+    """Move a state by a correction (N,), in place, and tell its clone; the covariance (N, N) is
+    that of the errors from where it was.
 
     A navigator whose attitude is wrong by psi has a velocity that is wrong by psi x v: it takes
     what it measures in body axes for what it is in others. Once the velocity has been corrected
@@ -166,7 +167,9 @@ def moved(
     heading, of which an odometer knows nothing (docs/mathematics.md, section 3.17; Barrau &
     Bonnabel 2017, IEEE TAC 62:1797, for errors by which this need not be said). A velocity that
     was measured over ground is not wrong with the attitude."""
-    before = state.velocity.copy()
+    before, clone = state.velocity.copy(), state.clone
+    if len(clone.shift):
+        inform_clone(clone, state.covariance, covariance, correction)
     state.covariance[:] = covariance
     move(state.nominal, correction)
     if over_ground or not model.unsure_heading:  # it would change the sixth digit
@@ -174,6 +177,7 @@ def moved(
     turn, P = cross_matrix(state.velocity - before), state.covariance
     P[3:6] -= turn @ P[6:9]
     P[:, 3:6] -= P[:, 6:9] @ turn.T
+    clone.cross[:, 3:6] -= clone.cross[:, 6:9] @ turn.T
 
 
 def stated(assumed: Array, covariance: Array | None) -> Array:
