@@ -124,16 +124,17 @@ def _predict(
         return error_between(after(moved), centre)
 
     unscented.x = np.zeros(len(unscented.P))
-    before, P = unscented.points_fn.sigma_points(unscented.x, unscented.P), unscented.P
     axes, noise = matrix(centre.attitude), np.square(assumptions.noise) * assumptions.dt
     unscented.Q = np.zeros_like(unscented.P)
     unscented.Q[3:6, 3:6] = axes @ np.diag(noise[:3]) @ axes.T
     unscented.Q[6:9, 6:9] = axes @ np.diag(noise[3:]) @ axes.T
     unscented.Q[FILTER_STATES:, FILTER_STATES:] = np.diag(power)
-    unscented.predict(fx=process)
     if len(clone.shift):
+        before = unscented.points_fn.sigma_points(unscented.x, unscented.P)
+        unscented.compute_process_sigmas(assumptions.dt, process)
         across = (unscented.Wc[:, None] * before).T @ unscented.sigmas_f
-        clone.cross[:] = clone.cross @ np.linalg.solve(P, across)
+        clone.cross[:] = clone.cross @ np.linalg.solve(unscented.P, across)
+    unscented.predict(fx=process)
     return centre
 
 
