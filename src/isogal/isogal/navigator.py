@@ -211,10 +211,10 @@ class Navigator:
         """Match the batch that the newest readings end; None where they end none."""
         if not self.matching.ready:
             return None
-        since = self.inertial.since(self._ends[1])
+        passage = self.inertial.passage(self._ends[1])
         self._ends = self._ends[1], self.time
         self.inertial.keep(self.time)
-        matched = self.matching.match(self.state.batch_prior, since=since)
+        matched = self.matching.match(self.state.batch_prior, passage=passage)
         self._scan_times = np.unique(matched.batch.time)  # a scan of several channels has rows
         return matched
 

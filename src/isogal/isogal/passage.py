@@ -1,14 +1,11 @@
 """What a navigator's own data make of its error between two times.
 
-Where the heading is not known to where sines are linear in it, the error at a time says little of
-the next unless the slow errors of the sensors, which turn the heading and stretch the path, are
-known along with it; and what aids tell meanwhile, a gyroscope at rest above all, says which of
-several places is likely. Both follow from the filter's joint Gaussian of the errors at the two
-times (docs/mathematics.md, section 6.2)."""
+The error at the first of them and that at the second are one joint Gaussian, which the filter
+keeps (docs/mathematics.md, section 6.2). Where the heading decides where the vehicle goes, the
+slow errors of the sensors, which turn it and stretch the path, are part of both."""
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +13,10 @@ from isogal.arrays import Array
 from isogal.fix import Information
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matrices import symmetric
+
+TOLD = 1e-3
+"""Of the navigator's own information of the error at the first time, how much later data have to
+say of it to be told: less changes no 1-sigma by more than half of that."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,21 +40,24 @@ class Passage:
     """(2,) m/s north and east at the first of them."""
     slow: Array
     """(2, n - 7) estimates of the slow errors at both times."""
+    jump: Array
+    """(7,) by how much satellites have moved the estimate since the first of them, where what they
+    say may be wrong: all else is of a navigator without it. Else zeros."""
 
     @property
     def arrays(self) -> tuple[Array, ...]:
         """All but the time."""
         joint = self.before, self.mean, self.smoothed, self.cross, self.after
-        return *joint, self.velocity, self.slow
+        return *joint, self.velocity, self.slow, self.jump
 
     @classmethod
     def of_numbers(cls, begin: float, numbers: Array) -> "Passage":
         """Return that of a time (s) whose arrays have these numbers, one after the other; raises
         ValueError where there is none of so many."""
-        # 4 n² + n + 2 + 2 (n - 7) of n states
-        n = round((math.sqrt(9.0 + 16.0 * (len(numbers) + 12.0)) - 3.0) / 8.0)
+        # 4 n² + n + 2 + 2 (n - 7) + 7 of n states
+        n = round((math.sqrt(9.0 + 16.0 * (len(numbers) + 5.0)) - 3.0) / 8.0)
         square, slow = (n, n), (2, max(n - BATCH_STATES, 0))
-        shapes = square, (n,), square, square, square, (2,), slow
+        shapes = square, (n,), square, square, square, (2,), slow, (BATCH_STATES,)
         ends = np.cumsum([math.prod(shape) for shape in shapes])
         if n < BATCH_STATES or ends[-1] != len(numbers):
             raise ValueError(f"{len(numbers)} numbers are no passage")
@@ -62,6 +66,15 @@ class Passage:
             for part, shape in zip(np.split(numbers, ends[:-1]), shapes, strict=True)
         )
         return cls(begin, *arrays)
+
+    @classmethod
+    def of_dynamics(cls, begin: float, before: Array, forward: Array, growth: Array) -> "Passage":
+        """Return that of a navigator of which the dynamics (7, 7) are known alone, with what has
+        joined its covariance (7, 7)."""
+        nothing, cross = np.zeros(BATCH_STATES), before @ forward.T
+        after = symmetric(forward @ cross + growth)
+        none = np.zeros(2), np.zeros((2, 0)), nothing
+        return cls(begin, before, nothing, before, cross, after, *none)
 
     def part(self, states: int) -> "Passage":
         """Return that of the first so many states."""
@@ -74,7 +87,8 @@ class Passage:
             self.cross[n, n],
             self.after[n, n],
             self.velocity,
-            self.slow,
+            self.slow[:, : states - BATCH_STATES],
+            self.jump,
         )
 
     @property
@@ -83,8 +97,20 @@ class Passage:
         scale = np.sqrt(np.diag(self.before))
         unit = np.outer(scale, scale)
         posterior = np.linalg.inv(self.smoothed / unit)
-        matrix = (posterior - np.linalg.inv(self.before / unit)) / unit
-        return Information(posterior @ (self.mean / scale) / scale, symmetric(matrix))
+        matrix = symmetric(posterior - np.linalg.inv(self.before / unit))
+        if np.abs(matrix).max() < TOLD:
+            return Information(np.zeros_like(scale), np.zeros_like(matrix))
+        return Information(posterior @ (self.mean / scale) / scale, matrix / unit)
+
+    def aided(self, prior: Array) -> Information:
+        """Return what satellites say of y, which they have made N(0, prior), (7, 7): of what was
+        N(jump, after) without them."""
+        after = self.after[:BATCH_STATES, :BATCH_STATES]
+        scale = np.sqrt(np.diag(after))
+        unit = np.outer(scale, scale)
+        without, with_them = (np.linalg.inv(one / unit) for one in (after, prior))
+        vector = -without @ (self.jump / scale) / scale
+        return Information(vector, symmetric(with_them - without) / unit)
 
     @property
     def transition(self) -> tuple[Array, Array]:
@@ -95,36 +121,6 @@ class Passage:
         return forward, symmetric(self.after - forward @ self.cross)
 
 
-class Aided(NamedTuple):
-    """What other aids than the map have told the navigator since a time, where its heading is
-    known well."""
-
-    begin: float
-    """s."""
-    covariance: Array
-    """(7, 7) of the navigator's error now without them."""
-    jump: Array
-    """(7,) of its estimate: with them minus without them."""
-
-    @property
-    def arrays(self) -> tuple[Array, ...]:
-        """All but the time."""
-        return self.covariance, self.jump
-
-    def information(self, prior: Array) -> Information:
-        """Return what they say of the error now: that which turns N(jump, covariance) into
-        N(0, prior), with the navigator's covariance `prior` (7, 7)."""
-        scale = np.sqrt(np.diag(self.covariance))
-        unit = np.outer(scale, scale)
-        before, after = (np.linalg.inv(one / unit) for one in (self.covariance, prior))
-        vector = -before @ (self.jump / scale) / scale
-        return Information(vector, symmetric(after - before) / unit)
-
-
-Since = Aided | Passage
-"""What there is to say of the time since a fix."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
     """What has become of a navigator since the last batch."""
@@ -133,16 +129,10 @@ class History:
     """(7,) change of its estimate; None = not known."""
     satellites: bool = False
     """Whether it may have satellites."""
-    since: Since | None = None
-    """What aids have told it, or, where its heading is not known well, what has become of its
-    error; None = what its dynamics say."""
+    passage: Passage | None = None
+    """What has become of its error; None = nobody says it."""
 
     @property
-    def aided(self) -> Aided | None:
-        """What aids have told it; None = nothing, or the passage has it."""
-        return self.since if isinstance(self.since, Aided) else None
-
-    @property
-    def passage(self) -> Passage | None:
-        """What has become of its error; None = what its dynamics say, and aids."""
-        return self.since if isinstance(self.since, Passage) else None
+    def aided(self) -> bool:
+        """Whether satellites have told it what may be wrong."""
+        return self.passage is not None and bool(self.passage.jump.any())

@@ -184,16 +184,16 @@ class PmhtMmNode(GraphNode):
 
     def _match(self, nav: NavSample) -> None:
         # of another fix than the last it does not follow on its batch
-        since, ended = nav.since, self.scans.ended
-        if since is not None and self._matching.memory is not None:
-            follows = ended >= 0 and abs(since.begin - to_seconds(ended)) < SAME
-            since = since if follows else None
+        passage, ended = nav.passage, self.scans.ended
+        if passage is not None and self._matching.memory is not None:
+            follows = ended >= 0 and abs(passage.begin - to_seconds(ended)) < SAME
+            passage = passage if follows else None
         self.scans.ended = nav.ns
         # the next batch is to use the readings of one whose end is not known
         why = "the navigator said nothing of the batch's end" if self.scans.guessed else None
         if not nav.aligned:
             why = "the navigator is not aligned"
-        batch, fix, seconds = self._matching.match(nav.covariance, why, since)
+        batch, fix, seconds = self._matching.match(nav.covariance, why, passage)
         self._report.say(nav.ns, fix, seconds)
         self.outputs.publish(nav.ns, batch, fix, nav)
 

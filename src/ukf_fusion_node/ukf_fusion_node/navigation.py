@@ -17,7 +17,7 @@ from isogal.fusion.prediction import FilterDivergenceError
 from isogal.fusion.sample_stream import SampleStream
 from isogal.fusion.segment import AT_ONCE
 from isogal.fusion.state import FilterState
-from isogal.passage import Since
+from isogal.passage import Passage
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.frames import map_frame
@@ -114,12 +114,12 @@ class Navigation:
         self._fixed = max(ns, self._fixed)
 
     @property
-    def since(self) -> Since | None:
-        """What there is to say of the time since the last fix, at the newest stamp published."""
+    def passage(self) -> Passage | None:
+        """What has become of the error since the last fix, at the newest stamp published."""
         if self.navigator is None or self._published > self.ns or not self.aligned:
             return None
         try:
-            return self.navigator.since(to_seconds(self._fixed))
+            return self.navigator.passage(to_seconds(self._fixed))
         except FilterDivergenceError:
             return None
 

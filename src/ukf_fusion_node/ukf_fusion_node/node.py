@@ -168,7 +168,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
     def _publish(self) -> None:
         navigation = self._navigation
         ns, state, rate = navigation.latest()
-        self.outputs.publish(ns, state, rate, navigation.since, navigation.aligned)
+        self.outputs.publish(ns, state, rate, navigation.passage, navigation.aligned)
         if self._solutions is not None:
             self._solutions.publish_error(ns, state)
 

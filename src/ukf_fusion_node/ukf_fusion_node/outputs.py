@@ -13,7 +13,7 @@ from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.protection_level import protection_level
 from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import from_matrix, matrix
-from isogal.passage import Since
+from isogal.passage import Passage
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, MAP, ODOM, framed, map_frame
 from isogal_ros.messages.mounting import Pose, pose_of
@@ -198,7 +198,7 @@ class Outputs:
         ns: int,
         state: FilterState,
         angular_rate: Array,
-        since: Since | None = None,
+        passage: Passage | None = None,
         aligned: bool = True,
     ) -> None:
         """Publish a state.
@@ -210,8 +210,8 @@ class Outputs:
         state : FilterState
         angular_rate : (3,) array
             As the gyroscopes measured it, FRD, rad/s.
-        since : Aided or Passage, optional
-            What there is to say of the time since the last fix.
+        passage : Passage, optional
+            What has become of the error since the last fix.
         aligned : bool
             A state that is not promises nothing: it is no fix, and has no protection level, path
             or transforms.
@@ -226,7 +226,7 @@ class Outputs:
             level = protection_level(of_position, promise.risk, promise.correlation_time)
             write(self._m_level, ns, level[None])
             self._level.publish(self._m_level)
-        fill_nav_covariance(self._m_covariance, ns, state.batch_prior, since)
+        fill_nav_covariance(self._m_covariance, ns, state.batch_prior, passage)
         self._covariance.publish(self._m_covariance)
         status = NavSatStatus.STATUS_FIX if aligned else NavSatStatus.STATUS_NO_FIX
         fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3], status)

@@ -33,6 +33,14 @@ class Clone(NamedTuple):
         cross = covariance.copy() if rows is None else rows @ covariance
         return cls(cross, np.zeros(len(cross)), np.zeros((len(cross), len(cross))))
 
+    def about(self, now: Array, then: Array) -> "Clone":
+        """Return its second moments about another error then (r,), where the error now (N,) is so
+        far from what it is taken for."""
+        if not len(self.shift):
+            return self
+        off = self.shift - then
+        return Clone(self.cross + np.outer(off, now), then, self.change + np.outer(off, off))
+
     def copy(self) -> "Clone":
         """Return one that shares nothing with this one."""
         return Clone(*(array.copy() for array in self)) if len(self.shift) else self

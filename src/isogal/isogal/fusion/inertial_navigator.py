@@ -20,6 +20,7 @@ from isogal.fusion.measurements import Innovation, Measurement
 from isogal.fusion.measurements.ground_velocity import GNSS
 from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
+from isogal.fusion.nominal import error_between
 from isogal.fusion.outage import HELD, UnknownMotion, grow, steady_sample
 from isogal.fusion.passage import passage_of, rows_of
 from isogal.fusion.prediction import (
@@ -32,8 +33,8 @@ from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
 from isogal.fusion.smoothing import smoothed
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
-from isogal.inertial.error_state import batch_difference
-from isogal.passage import Aided, Passage, Since
+from isogal.inertial.error_state import BATCH_STATES, batch_difference
+from isogal.passage import Passage
 
 
 def track_row(state: FilterState) -> Array:
@@ -81,6 +82,7 @@ class InertialNavigator:
         state = mixture.merged
         self._unaided: list[Without] = []
         """See `unaided`: what was known at its last calls."""
+        self._rows = rows_of(model)
         self._kept = math.nan
         """Time of the errors that are kept along (`keep`), s; NaN = none."""
         self._newest_aid = -math.inf
@@ -327,47 +329,40 @@ class InertialNavigator:
         """
         return smoothed(self.history(time), self.model, self.motion, time)
 
-    def since(self, time: float) -> Since | None:
-        """Return what has become of the error since a time (s) of the history, where its dynamics
-        do not say it (`FilterModel.follows_errors`); else what satellites have told since then;
-        None = there is nothing to say."""
-        without = self.unaided(time)
-        if without is None or not self.model.judges_satellites:
-            passage = self.passage(time)
-            if passage is not None or without is None:
-                return passage
-        jump = batch_difference(self.state.estimate, without.estimate)
-        return Aided(time, without.batch_prior, jump)
-
     def passage(self, since: float) -> Passage | None:
-        """Return what has become of the error since a time (s) of the history; None where its
-        dynamics say it, where nothing is kept of then, and while it is open what has happened."""
-        if not self.model.follows_errors or self._impossible(since) is not None:
+        """Return what has become of the error since a time (s) of the history; None where nothing
+        is kept of then, and at that time. Of satellites that may be wrong it is told apart what
+        they say."""
+        if self._impossible(since) is not None:
             return None
         first = self._segment_at(since)
         if first is self._segments[-1]:
             return None
         if self._kept != since:
             self.keep(since)
-        both = first.after, self._segments[-1].after
-        if max(len(one.states) for one in both) > 1 or not len(self.state.clone.shift):
-            return None
-        return passage_of(since, *(one.merged for one in both), self.model)
+        last, jump = self.state, np.zeros(BATCH_STATES)
+        without = self.unaided(since) if self.model.judges_satellites else None
+        if without is not None:
+            jump, last = batch_difference(last.estimate, without.estimate), without
+        return passage_of(since, first.after.merged, last, self._rows, jump)
 
     def keep(self, time: float) -> None:
         """Keep the errors of a time (s) of the history along from then on, instead of those of
         another: `passage` asks for them, and need not go over all since then."""
-        if not self.model.follows_errors:
-            return
         self._kept = time
         self._clone(self._segment_at(time))
         self._replay(self._index(time) + 1)
 
     def _clone(self, segment: Segment) -> None:
         """Begin to keep the errors after a segment where they are asked for."""
-        if abs(segment.end - self._kept) <= AT_ONCE:
-            for state in segment.after.states:
-                state.clone = Clone.of(state.covariance, rows_of(self.model))
+        if abs(segment.end - self._kept) > AT_ONCE:
+            return
+        rows, one = self._rows, segment.after.merged
+        for state in segment.after.states:
+            state.clone = Clone.of(state.covariance, rows)
+            if state is not one:
+                state.clone.shift[:] = rows @ error_between(state.nominal, one.nominal)
+                state.clone.change[:] = rows @ (state.covariance - one.covariance) @ rows.T
 
     def samples(self, after: float, until: float) -> tuple[Array, Array]:
         """Return the stamps (K,), s, after a time and up to another, of the samples that the

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.fusion.clone import NO_CLONE
+from isogal.fusion.clone import Clone
 from isogal.fusion.measurements import InformationUpdate, Innovation, Measurement, Outcome
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import error_between, move
@@ -57,8 +57,9 @@ class Mixture:
             return self.states[0]
         one, weights, about = self._about_the_mean()
         if weights.max() < 1.0 - COVERED:
-            spread = [P[0, 0] + P[1, 1] for P in about]
-            one.covariance[:] = about[int(np.argmax(np.where(weights > COVERED, spread, 0.0)))]
+            spread = [P[0, 0] + P[1, 1] for P, _ in about]
+            P, one.clone = about[int(np.argmax(np.where(weights > COVERED, spread, 0.0)))]
+            one.covariance[:] = P
         return one
 
     @property
@@ -66,19 +67,20 @@ class Mixture:
         """One state with the mean and the covariance of all."""
         return self._about_the_mean()[0]
 
-    def _about_the_mean(self) -> tuple[FilterState, Array, list[Array]]:
-        """Return `moments`, and of each state the probability and the second moment (N, N) about
-        that mean."""
+    def _about_the_mean(self) -> tuple[FilterState, Array, list[tuple[Array, Clone]]]:
+        """Return `moments`, and of each state the probability and the second moments about that
+        mean: (N, N), and those of its clone."""
         weights = np.exp(self.log_weights - np.logaddexp.reduce(self.log_weights))
         one = self.states[int(np.argmax(weights))].copy()
         apart = np.array([error_between(state.nominal, one.nominal) for state in self.states])
-        mean = weights @ apart
+        mean, then = weights @ apart, weights @ [state.clone.shift for state in self.states]
         about = [
-            state.covariance + np.outer(by, by)
+            (state.covariance + np.outer(by, by), state.clone.about(by, then))
             for state, by in zip(self.states, apart - mean, strict=True)
         ]
-        one.clone = NO_CLONE
-        one.covariance[:] = sum(weight * P for weight, P in zip(weights, about, strict=True))
+        covariances, clones = zip(*about, strict=True)
+        one.covariance[:] = np.tensordot(weights, covariances, 1)
+        one.clone = Clone(*(np.tensordot(weights, part, 1) for part in zip(*clones, strict=True)))
         move(one.nominal, mean)
         return one, weights, about
 

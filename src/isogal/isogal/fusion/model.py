@@ -49,9 +49,9 @@ class FilterModel:
     height, 1/m; () = nothing."""
     unsure_heading: bool = False
     """Whether the heading may be wrong by more than what sines are linear in."""
-    follows_errors: bool = False
-    """Whether matchers are told what has become of the error since a fix (`Passage`): where the
-    heading, and so a gyroscope's bias, decides where the vehicle goes."""
+    slow_errors: bool = False
+    """Whether matchers follow slow errors of the sensors, too (`Passage`): where the heading, and
+    so a gyroscope's bias, decides where the vehicle goes."""
     judges_satellites: bool = True
     """Whether inertial data may show that satellites are wrong."""
     places: dict[str, int] = field(init=False, repr=False, compare=False)

@@ -18,21 +18,24 @@ SLOW = (
 and scale factor, the velocity aid's scale factor and its yaw (rad)."""
 
 
-def passage_of(since: float, first: FilterState, last: FilterState, model: FilterModel) -> Passage:
+def passage_of(
+    since: float, first: FilterState, last: FilterState, rows: Array, jump: Array
+) -> Passage:
     """Return what has become of the error since a time (s), from the state there and the newest
-    one, which has a clone of the first (`rows_of`)."""
-    taken, clone = rows_of(model), last.clone
-    slow = taken[BATCH_STATES:, 9:]
-    before = taken @ first.covariance @ taken.T
+    one, which has a clone of the first, of `rows` (n, N), and by what satellites have moved the
+    estimate (7,) that this one does not know."""
+    slow, clone = rows[BATCH_STATES:, 9:], last.clone
+    before = rows @ first.covariance @ rows.T
     return Passage(
         since,
         before,
         -clone.shift,
         before + clone.change,
-        clone.cross @ taken.T,
-        taken @ last.covariance @ taken.T,
+        clone.cross @ rows.T,
+        rows @ last.covariance @ rows.T,
         first.velocity[:2].copy(),
         np.array([slow @ np.concatenate(one.nominal[3:]) for one in (first, last)]),
+        jump,
     )
 
 
@@ -40,7 +43,7 @@ def rows_of(model: FilterModel) -> Array:
     """Return (n, N) the states of a passage per unit of the filter's."""
     places = {name: k for k, name in enumerate(FILTER_NAMES)} | model.places
     rows = [np.eye(model.states)[k] for k in BATCH]
-    for names in SLOW:
+    for names in SLOW if model.slow_errors else ():
         row = np.zeros(model.states)
         row[[places[name] for name in names if name in places]] = 1.0
         rows.append(row)

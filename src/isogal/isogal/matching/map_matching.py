@@ -18,7 +18,7 @@ from isogal.matching.joint_batches import JointBatches
 from isogal.matching.registry import build_run_matcher
 from isogal.matching.scans import Collected
 from isogal.matching.update_schedule import UpdateSchedule
-from isogal.passage import Passage, Since
+from isogal.passage import Passage
 from isogal.scenario import Assumed
 
 
@@ -64,7 +64,7 @@ class MapMatching:
         self.lead = UpdateSchedule.of(assumed.each_field).lead
         """The field that says when a batch ends."""
         self._maps = tuple(maps)
-        self._satellites, self._judged = assumed.gnss.used, assumed.gnss.judged
+        self._satellites = assumed.gnss.used and assumed.gnss.judged
         self._sigmas = [one.gravimeter.sigma for one in assumed.each_field]
 
     @property
@@ -131,7 +131,7 @@ class MapMatching:
         self,
         prior: Array,
         declined_for: str | None = None,
-        since: Since | None = None,
+        passage: Passage | None = None,
     ) -> Matched:
         """Return the batch that the newest readings end, and its fix.
 
@@ -141,19 +141,15 @@ class MapMatching:
             The navigator's covariance, of a batch's states (`isogal.inertial.error_state`).
         declined_for : str, optional
             Why there can be no fix; the readings then belong to the next batch, too.
-        since : Aided or Passage, optional
-            What satellites have told the navigator since the last batch; or what has become of its
-            error, where its heading is not known well, which says what satellites have told, too.
+        passage : Passage, optional
+            What has become of the navigator's error since the last batch.
         """
         collected = None if declined_for is None else self.batches.collected
         batch = self.batches.build(prior, self._near)
         if declined_for is not None and collected is not None:
             self.batches.restore(collected)
             return Matched(batch, declined(batch, declined_for), 0.0)
-        passed = isinstance(since, Passage)
-        satellites = self._satellites and (self._judged or not passed)
-        told = since if passed or satellites else None
-        history = replace(batch.history, satellites=satellites, since=told)
+        history = replace(batch.history, satellites=self._satellites, passage=passage)
         batch = replace(batch, history=history)
         begun = clock.perf_counter()
         fix = self._fix_of(batch)

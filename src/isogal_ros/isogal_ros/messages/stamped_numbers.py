@@ -8,7 +8,7 @@ from std_msgs.msg import Float64MultiArray
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
-from isogal.passage import Aided, Passage, Since
+from isogal.passage import Passage
 from isogal_ros.messages.checks import BadMessageError, require_covariance
 from isogal_ros.messages.prepared import Prepared, Reader, write
 from isogal_ros.messages.stamps import SECOND, from_seconds, to_seconds
@@ -35,7 +35,7 @@ def fill_nav_covariance(
     message: Float64MultiArray | Prepared,
     ns: int,
     covariance: Array,
-    since: Since | None = None,
+    passage: Passage | None = None,
 ) -> None:
     """Write the covariance of the navigator's errors, behind its stamp (s, then ns): the message
     has no header.
@@ -46,19 +46,20 @@ def fill_nav_covariance(
         Stamp.
     covariance : (7, 7) array
         Of a batch's states (`isogal.inertial.error_state`).
-    since : Aided or Passage, optional
-        What there is to say of the time since the last fix; its stamp and its arrays follow the
+    passage : Passage, optional
+        What has become of the error since the last fix; its stamp and its arrays follow the
         covariance.
     """
-    begin = () if since is None else divmod(from_seconds(since.begin), SECOND)
-    write(message, ns, divmod(ns, SECOND), covariance, begin, *(since.arrays if since else ()))
+    since = () if passage is None else divmod(from_seconds(passage.begin), SECOND)
+    arrays = () if passage is None else passage.arrays
+    write(message, ns, divmod(ns, SECOND), covariance, since, *arrays)
 
 
 def read_nav_covariance(
     message: Float64MultiArray,
-) -> tuple[Array, Since | None]:
+) -> tuple[Array, Passage | None]:
     """Return the covariance of a batch's states (`isogal.inertial.error_state`): (7, 7), or (4, 4)
-    without the attitude; and what there is to say of the time since the last fix, if anything.
+    without the attitude; and what has become of the error since the last fix, if it says so.
 
     Raises
     ------
@@ -66,13 +67,13 @@ def read_nav_covariance(
         The number of numbers is another, or they are not finite, or a variance is negative.
     """
     values = np.array(message.data)
-    since, n = None, BATCH_STATES
+    passage, n = None, BATCH_STATES
     more = values[2 + n * n :]
     if len(more) > 2:
         values, (seconds, rest), more = values[: 2 + n * n], more[:2], more[2:]
         if not (np.isfinite(more).all() and abs(seconds) < 1e10 and 0 <= rest < SECOND):
             raise BadMessageError("what has been told since the last fix is not finite")
-        since = _read_since(int(seconds) * SECOND + int(rest), more)
+        passage = _read_passage(int(seconds) * SECOND + int(rest), more)
     size = math.isqrt(max(len(values) - 2, 0))
     if size not in (HORIZONTAL_STATES, BATCH_STATES) or len(values) != size * size + 2:
         raise BadMessageError(
@@ -80,16 +81,11 @@ def read_nav_covariance(
         )
     covariance = values[2:].reshape(size, size)
     require_covariance(covariance)
-    return covariance, since
+    return covariance, passage
 
 
-def _read_since(ns: int, values: Array) -> Since:
+def _read_passage(ns: int, values: Array) -> Passage:
     """Return what numbers say of the time since a stamp (ns)."""
-    n = BATCH_STATES
-    if len(values) == n * n + n:
-        aided = Aided(to_seconds(ns), values[: n * n].reshape(n, n), values[n * n :])
-        require_covariance(aided.covariance)
-        return aided
     try:
         passage = Passage.of_numbers(to_seconds(ns), values)
     except ValueError as error:

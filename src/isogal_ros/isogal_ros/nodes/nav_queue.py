@@ -15,7 +15,7 @@ from isogal.fusion.outage import HELD
 from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import from_matrix
-from isogal.passage import Since
+from isogal.passage import Passage
 from isogal.scenario import Settings
 from isogal.sensors.reduction import Reduction, State, reduction_variance
 from isogal_ros import topics
@@ -47,9 +47,8 @@ class NavSample:
     not known."""
     height_variance: float
     """m²."""
-    since: Since | None = None
-    """What satellites have told the navigator since a fix, or what has become of its error; None =
-    nothing is said."""
+    passage: Passage | None = None
+    """What has become of the error since a fix; None = nothing is said."""
     turn: Array | None = None
     """(3,) angular rate relative to the Earth, FRD, rad/s; None = not known."""
     aligned: bool = True
@@ -349,5 +348,5 @@ class NavQueue(Generic[Item]):
         if stamp.covariance is None:
             return sample
         message = decoded(stamp.covariance, topics.NAV_COVARIANCE.type)
-        covariance, since = read_nav_covariance(message)
-        return replace(sample, covariance=covariance, since=since)
+        covariance, passage = read_nav_covariance(message)
+        return replace(sample, covariance=covariance, passage=passage)

@@ -20,8 +20,7 @@ from isogal.matching.pmht import kernels
 from isogal.matching.pmht.models import CURVED, DECEIVED, FAMILIES, NONE, Models, largest
 from isogal.matching.pmht.rows import Rows
 from isogal.matching.pmht.states import UNKNOWN, States
-from isogal.matrices import symmetric
-from isogal.passage import Aided, Passage
+from isogal.passage import Passage
 
 REACH = 2.0
 """1-sigma at which it is looked at how far the map departs from linear (`CURVED`)."""
@@ -126,42 +125,14 @@ class Hypotheses:
         return self.changed(covariance=every)
 
     def passed(self, passage: Passage, moving: Integers) -> "Hypotheses":
-        """Return them at the end of a passage, of the states `moving` (n,).
-
-        Of a hypothesis of another heading the path D that the navigator has gone, about which
-        `Passage` is linear, is turned by as much: its error at the end is E[D - R(-psi) D] more
-        than at the beginning, not psi x D."""
+        """Return them at the end of a passage, of the states `moving` (n,)."""
         them = self.informed(passage.told, passage.before, moving).headed()
-        A, growth = passage.transition
-        n, heading = len(moving), HEADING
-        x = them.mean[:, moving] - passage.mean
-        less = np.exp(-0.5 * them.covariance[:, heading, heading])
-        cos, sin = np.cos(x[:, heading]), np.sin(x[:, heading])
-        turn = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], axis=1)
-        # of a velocity that is wrong as the heading is: e_v = psi x v
-        north, east = passage.velocity
-        whole = A[:2, heading] + A[:2, 2:4] @ [-east, north]
-        path = np.array([whole[1], -whole[0]])
-        forward = np.tile(A, (len(them), 1, 1))
-        rest = np.r_[2:4, BATCH_STATES:n]
-        forward[:, :2, rest] = turn @ A[:2, rest]
-        forward[:, :2, heading] = less[:, None] * (turn @ whole)
-        forward[:, :2, heading] -= forward[:, :2, 2:4] @ [-east, north]
-        mean = np.einsum("kij,kj->ki", forward, x)
-        # what is linear in the heading there is an arc
-        turned = np.einsum("kij,kj->ki", turn, path + x[:, heading, None] * whole)
-        mean[:, :2] += path - less[:, None] * turned
-        every = np.tile(np.eye(self.mean.shape[1]), (len(them), 1, 1))
-        every[:, moving[:, None], moving] = forward
-        covariance = every @ them.covariance @ every.swapaxes(1, 2)
-        grown = np.tile(growth, (len(them), 1, 1))
-        grown[:, :2] = turn @ grown[:, :2]
-        grown[:, :, :2] = grown[:, :, :2] @ turn.swapaxes(1, 2)
-        grown *= self.models.growth[them.which, None, None]
-        covariance[:, moving[:, None], moving] += grown
-        means = them.mean.copy()
-        means[:, moving] = mean
-        return them.changed(mean=means, covariance=symmetric(covariance)).normalised()
+        forward, growth = passage.transition
+        mean, covariance = them.mean.copy(), them.covariance.copy()
+        mean[:, moving] -= passage.mean
+        faster = them.models.growth[them.which]
+        kernels.passed(mean, covariance, moving, forward, growth, faster, passage.velocity)
+        return them.changed(mean=mean, covariance=covariance).normalised()
 
     def headed(self) -> "Hypotheses":
         """Split those whose heading is not known to where sines are linear in it."""
@@ -181,7 +152,8 @@ class Hypotheses:
         """Return them about an error that is `forward` (7, 7) times theirs, and to whose
         covariance `growth` (7, 7) has been added."""
         mean, covariance = self.mean.copy(), self.covariance.copy()
-        kernels.carried(mean, covariance, forward, growth, self.models.growth[self.which])
+        them, faster = np.arange(BATCH_STATES), self.models.growth[self.which]
+        kernels.passed(mean, covariance, them, forward, growth, faster, np.zeros(2))
         return self.changed(mean=mean, covariance=covariance)
 
     def split(
@@ -275,7 +247,7 @@ class Hypotheses:
             covariance=self.covariance - across @ less @ across.swapaxes(1, 2),
         )
 
-    def aided(self, by: Aided | None, prior: Array) -> "Hypotheses":
+    def aided(self, passage: Passage, prior: Array) -> "Hypotheses":
         """Return them after what satellites have told the navigator, whose covariance is `prior`
         (7, 7) since then.
 
@@ -284,12 +256,12 @@ class Hypotheses:
         made it: errors of satellites hold together over minutes, which hypotheses of faster
         growth follow, and would be credited with. To hypotheses of satellites that are wrong it
         says nothing, neither for nor against them."""
-        if by is None:
+        if not passage.jump.any():
             return self
-        moved = self.moved(-by.jump)
+        moved = self.moved(-passage.jump)
         alone = self.models.family[self.which] == DECEIVED
         before, rest = moved.part(~alone), moved.part(alone)
-        told = before.informed(by.information(prior), prior)
+        told = before.informed(passage.aided(prior), prior)
         odds = (self.models.odds(log) for log in (self.models.log_prior, before.of_models))
         beyond = self.models.odds(told.of_models)[told.which] - np.maximum(*odds)[told.which]
         told = told.changed(log_weight=told.log_weight - np.maximum(beyond, 0.0))

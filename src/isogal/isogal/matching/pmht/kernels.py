@@ -13,7 +13,8 @@ import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.compiled import kernel
-from isogal.inertial.error_state import BATCH_STATES
+from isogal.inertial.error_state import BATCH_STATES, HEADING
+from isogal.inertial.rotations import INLINE
 from isogal.maps.interpolation import Grid, bilinear, value_and_gradient
 from isogal.matching.pmht.late import Late, earlier, late_by, low_passed, sensed, taken_in
 from isogal.matching.pmht.models import Models
@@ -126,38 +127,98 @@ def departures(
     return worst
 
 
-@kernel(error_model="numpy")
-def carried(mean: Array, covariance: Array, forward: Array, growth: Array, factor: Array) -> None:
-    """Carry hypotheses, means (K, N) and covariances (K, N, N), in place: their first states are
-    `forward` (n, n) times what they were, and `growth` (n, n) times `factor` (K,) has joined the
-    covariance of these."""
-    n, size = forward.shape[0], mean.shape[1]
-    old = np.empty((n, size))
+@kernel(**INLINE)
+def _turned(cos: float, sin: float, north: float, east: float) -> tuple[float, float]:
+    """Return a vector turned by an angle to the left, seen from above."""
+    return cos * north + sin * east, cos * east - sin * north
+
+
+@kernel(**INLINE)
+def _turn_path(
+    forward: Array, velocity: Array, cos: float, sin: float, less: float, turned: Array
+) -> None:
+    """Write the rows of the position of `forward` (n, n) to `turned` for a path that is turned by
+    an angle, with `less` the mean of the cosine of what is not known of that; see `passed`."""
+    n = forward.shape[0]
+    for j in range(n):
+        if 2 <= j < 4 or j >= BATCH_STATES:
+            turned[0, j], turned[1, j] = _turned(cos, sin, forward[0, j], forward[1, j])
+    north, east = _per_heading(forward, velocity)
+    along = _turned(cos, sin, less * north, less * east)
+    for i in range(2):
+        turned[i, HEADING] = along[i] + velocity[1] * turned[i, 2] - velocity[0] * turned[i, 3]
+
+
+@kernel(**INLINE)
+def _per_heading(forward: Array, velocity: Array) -> tuple[float, float]:
+    """Return what a heading error of 1 rad does to the position at the end, with a velocity that
+    is wrong as the heading is, e_v = psi x v."""
+    north = forward[0, HEADING] - velocity[1] * forward[0, 2] + velocity[0] * forward[0, 3]
+    east = forward[1, HEADING] - velocity[1] * forward[1, 2] + velocity[0] * forward[1, 3]
+    return north, east
+
+
+@kernel
+def passed(
+    mean: Array,
+    covariance: Array,
+    moving: Integers,
+    forward: Array,
+    growth: Array,
+    faster: Array,
+    velocity: Array,
+) -> None:
+    """Carry hypotheses, means (K, N) and covariances (K, N, N), in place: of the states `moving`
+    (n,) the error is `forward` (n, n) times what it was, and `growth` (n, n), `faster` (K,) times
+    as much, has joined the covariance.
+
+    Of a hypothesis of another heading the path D that the navigator has gone, from a `velocity`
+    (2,) on, about which that is linear, is turned by as much: its error at the end is
+    E[D - R(-psi) D] more than at the beginning, not psi x D."""
+    n, size = len(moving), mean.shape[1]
+    old, block, F = np.empty((n, size)), np.empty((n, n)), forward.copy()
+    north, east = _per_heading(forward, velocity)
     for k in range(mean.shape[0]):
-        P = covariance[k]
+        P, psi = covariance[k], mean[k, moving[HEADING]]
+        less = math.exp(-0.5 * P[moving[HEADING], moving[HEADING]])
+        c, s = math.cos(psi), math.sin(psi)
+        _turn_path(forward, velocity, c, s, less, F)
         for i in range(n):
-            old[i, 0] = mean[k, i]
+            old[i, 0] = mean[k, moving[i]]
         for i in range(n):
-            mean[k, i] = 0.0
+            total = 0.0
             for j in range(n):
-                mean[k, i] += forward[i, j] * old[j, 0]
+                total += F[i, j] * old[j, 0]
+            mean[k, moving[i]] = total
+        # what is linear in the heading there is an arc
+        by_north, by_east = _turned(c, s, east + psi * north, psi * east - north)
+        mean[k, moving[0]] += east - less * by_north
+        mean[k, moving[1]] -= north + less * by_east
         for i in range(n):
             for j in range(size):
                 old[i, j] = 0.0
             for h in range(n):
-                share = forward[i, h]
+                share, row = F[i, h], moving[h]
                 for j in range(size):
-                    old[i, j] += share * P[h, j]
+                    old[i, j] += share * P[row, j]
         for i in range(n):
-            for j in range(n, size):
-                P[i, j] = old[i, j]
-                P[j, i] = old[i, j]
-            for j in range(i + 1):
-                value = factor[k] * growth[i, j]
+            for j in range(n):
+                block[i, j] = faster[k] * growth[i, j]
+        for j in range(n):
+            block[0, j], block[1, j] = _turned(c, s, block[0, j], block[1, j])
+        for i in range(n):
+            block[i, 0], block[i, 1] = _turned(c, s, block[i, 0], block[i, 1])
+        for i in range(n):
+            for j in range(n):
                 for h in range(n):
-                    value += old[i, h] * forward[j, h]
-                P[i, j] = value
-                P[j, i] = value
+                    block[i, j] += old[i, moving[h]] * F[j, h]
+        for i in range(n):
+            for j in range(size):
+                P[moving[i], j] = old[i, j]
+                P[j, moving[i]] = old[i, j]
+        for i in range(n):
+            for j in range(n):
+                P[moving[i], moving[j]] = 0.5 * (block[i, j] + block[j, i])
 
 
 class Own(NamedTuple):

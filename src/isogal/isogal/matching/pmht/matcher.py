@@ -105,7 +105,7 @@ class Pmht:
         prior = batch.covariance
         if memory is None:
             passage = batch.history.passage
-            slow = None if passage is None else passage.slow[1]
+            slow = passage.slow[1] if passage is not None and passage.slow.size else None
             diverged = Diverged.before(prior, float(batch.time[-1]))
             memory = Memory({}, diverged, prior, slow=slow)
         else:
@@ -152,10 +152,10 @@ class Pmht:
         elsewhere. None = it may be.
 
         So far from where they are linear, hypotheses whose readings have followed them for long
-        are all too sure. Those that know their own bends (`Passage`) are not."""
+        are all too sure. Those that follow what bends the path (`States.slow`) are not."""
         lead = memory.fields[self.lead]
         sigma = longest(batch.covariance[:2, :2])
-        if sigma < FEATURE_M or lead.bank is None or batch.history.passage is not None:
+        if sigma < FEATURE_M or lead.bank is None or lead.states.slow:
             return None
         if resolved(lead.bank):
             mean, _ = lead.bank.moments()
@@ -168,8 +168,7 @@ class Pmht:
     ) -> tuple[Memory, list[Rows | None]]:
         """Return the new readings of each field, and the memory that knows of these fields."""
         wide = longest(prior[:2, :2]) > WIDE_M
-        aided = None if memory.fields else each[0].batch.history.aided
-        begun = prior if aided is None else aided.covariance
+        passage = each[0].batch.history.passage
         fields, rows = dict(memory.fields), []
         for one in each:
             field = fields.get(one.field)
@@ -180,9 +179,9 @@ class Pmht:
                 lost = wide if one.field == self.lead else fields[self.lead].bank is None
                 bank = None
                 if not lost:
-                    bank = Hypotheses.before(models, begun).aided(aided, prior)
-                    if (passage := one.batch.history.passage) is not None:
-                        bank = bank.correlated(states.moving, passage.after)
+                    bank = Hypotheses.before(models, prior)
+                    if passage is not None:
+                        bank = bank.correlated(states.moving, passage.after).aided(passage, prior)
                 field = FieldMemory(
                     states, models, models.shapes, bank, specified=known.sigma or 0.0
                 )

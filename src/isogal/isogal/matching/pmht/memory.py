@@ -59,54 +59,42 @@ class Memory(NamedTuple):
         )
 
     def propagated(self, batch: Batch) -> "Memory":
-        """Return it at the end of the next batch, before its readings. What the navigator has
-        learnt from other aids makes every hypothesis as much narrower, where no passage says what
-        they tell of each."""
+        """Return it at the end of the next batch, before its readings."""
         prior, before, memory = batch.covariance, self.covariance, self
-        jump, aided, passage = batch.history.correction, batch.history.aided, batch.history.passage
-        refused, otherwise, first = False, False, max(len(batch) - batch.new - 1, 0)
-        back = batch.backward[first].copy()
+        jump, passage = batch.history.correction, batch.history.passage
+        refused, first = False, max(len(batch) - batch.new - 1, 0)
+        begin, back = self.diverged.last.time, batch.backward[first].copy()
         # the last batch ended before that where all scans are new, or one was not matched
-        back[:2] -= (batch.time[first] - self.diverged.last.time) * back[2:4]
+        back[:2] -= (batch.time[first] - begin) * back[2:4]
         if jump is not None:
             off = -jump - self.taken
             if not _same(off, before):
                 # the fix was not taken as it was: if not at all, the navigator knew what it had
-                # known before; else, where it knows less than by the fix, it knew no more then,
-                # and where it knows more, other aids have informed it since
+                # known before; else, where it knows less than by the fix, it knew no more then
                 refused = _same(jump, self.untaken)
-                more = grown(before, back @ prior @ back.T)[0]
+                more = grown(before, back @ prior @ back.T)
                 before = self.untaken if refused else before + more
-                otherwise = not refused
             memory = self.moved(off)
-        told = prior if aided is None else aided.covariance
-        forward, growth, learnt = steps(before, back, told)
-        anew = otherwise and aided is None and not np.array_equal(learnt, np.eye(len(told)))
-
+        forward, n = np.linalg.inv(back), BATCH_STATES
+        if passage is not None and math.isclose(passage.begin, begin, abs_tol=1e-6):
+            before, told = passage.before[:n, :n], passage.after[:n, :n]
+            growth = grown(forward @ before @ forward.T, told)
+        else:
+            growth = grown(forward @ before @ forward.T, prior)
+            passage = Passage.of_dynamics(begin, before, forward, growth)
         slow = self.slow
-        begin = None if passage is None else passage.begin
-        if begin is None or not math.isclose(begin, self.diverged.last.time, abs_tol=1e-6):
-            passage = None
 
         def followed(one: FieldMemory, bank: Hypotheses) -> Hypotheses:
-            if passage is not None:
-                return _passed(one, bank, passage, jump, slow)
-            if anew:
-                # several states of the navigator have taken the fix, each by itself: what it
-                # knows now, it knows from the same readings
-                return Hypotheses.before(one.models, prior)
-            return bank.carried(learnt @ forward, learnt @ growth @ learnt.T).aided(aided, prior)
+            return _passed(one, bank, passage, jump, slow).aided(passage, prior)
 
         # of kilometres, what is not linear in them looks like growth
         lost = any(one.bank is None for one in self.fields.values())
-        taken = np.zeros(BATCH_STATES) if aided is None else -aided.jump
-        passed = Past(
-            forward, 0.0 * growth if lost else growth, prior, float(batch.time[-1]), taken
-        )
+        time = float(batch.time[-1])
+        passed = Past(forward, 0.0 * growth if lost else growth, prior, time, -passage.jump)
         last = memory.diverged.last._replace(left=before)
         diverged = memory.diverged.with_last(last).later(passed)
         fields = memory._each(followed).fields
-        slow_now = slow if passage is None else passage.slow[1]
+        slow_now = passage.slow[1] if passage.slow.size else slow
         count = self.refused + 1 if refused else 0
         return Memory(fields, diverged, prior, slow=slow_now, refused=count)
 
@@ -135,16 +123,17 @@ def _passed(
     """Return a field's hypotheses at the end of a passage, where the navigator's estimate has
     jumped by so much (7,) at its beginning, and those of the slow errors were `slow` (n - 7,)
     before."""
-    moving = one.states.moving
+    states = min(len(passage.mean), len(one.states.moving))
+    moving = one.states.moving[:states]
     mean, whole = bank.mean.copy(), np.eye(bank.mean.shape[1])
-    if slow is not None and one.states.slow:
+    if slow is not None and states > BATCH_STATES:
         mean[:, moving[BATCH_STATES:]] += passage.slow[0] - slow
     if jump is not None:
         # the same heading error is one of another velocity now (docs/mathematics.md, section 3.17)
         whole[2, HEADING], whole[3, HEADING] = -jump[3], jump[2]
     covariance = whole @ bank.covariance @ whole.T
     bank = bank.changed(mean=mean @ whole.T, covariance=covariance)
-    return bank.passed(passage.part(len(moving)), moving)
+    return bank.passed(passage.part(states), moving)
 
 
 def _same(off: Array, covariance: Array) -> bool:
@@ -152,37 +141,12 @@ def _same(off: Array, covariance: Array) -> bool:
     return bool(off @ np.linalg.solve(covariance, off) <= SAME_ESTIMATE)
 
 
-def steps(before: Array, back: Array, told: Array) -> tuple[Array, Array, Array]:
-    """Return (7, 7) what the dynamics make of an error, what joins its covariance, `before`, and
-    what makes of that then the navigator's, `told`. `back`: error before per unit of error
-    now."""
-    forward = np.asarray(np.linalg.inv(back), dtype=np.float64)
-    dynamic = forward @ before @ forward.T
-    growth, narrower = grown(dynamic, told)
-    learnt = _transport(dynamic + growth, told) if narrower else np.eye(len(told))
-    return forward, growth, learnt
-
-
-def grown(before: Array, after: Array) -> tuple[Array, bool]:
-    """Return (7, 7) what has joined a covariance where it has grown, and whether it is narrower in
-    some direction."""
+def grown(before: Array, after: Array) -> Array:
+    """Return (7, 7) what has joined a covariance where it has grown."""
     scale = np.sqrt(np.diag(after))
     unit = np.outer(scale, scale)
     values, vectors = np.linalg.eigh((after - before) / unit)
-    return (vectors * np.maximum(values, 0.0)) @ vectors.T * unit, bool(values[0] < -1e-9)
-
-
-def _transport(a: Array, b: Array) -> Array:
-    """Return the symmetric T with T a T = b in units of the 1-sigmas of b: the optimal map from
-    N(0, a) to N(0, b) (Gelbrich 1990)."""
-    scale = np.sqrt(np.diag(b))
-    values, vectors = np.linalg.eigh(a / scale / scale[:, None])
-    root = np.sqrt(np.maximum(values, 1e-300))
-    half = (vectors * root) @ vectors.T
-    inverse = (vectors / root) @ vectors.T
-    values, vectors = np.linalg.eigh(half @ (b / scale / scale[:, None]) @ half)
-    middle = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    return np.asarray(inverse @ middle @ inverse * scale[:, None] / scale)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * unit)
 
 
 def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool]:

@@ -83,7 +83,7 @@ def published(
     batch = each[0].batch
     figures = _figures(each, memory, names)
     error = _gravity_error(each, memory)
-    aided = batch.history.aided is not None
+    aided = batch.history.aided
     reason = astray or (SATELLITES if aided else NOTHING_NEW)
     mean, covariance = informed(prior, information)
     new = information.matrix.any() and (not aided or adds(prior, covariance))
