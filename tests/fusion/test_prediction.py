@@ -27,9 +27,9 @@ from isogal.evaluation.bound import unaided_covariance
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.auxiliary import AuxiliaryState
+from isogal.fusion.clone import Clone
 from isogal.fusion.imu_states import states
 from isogal.fusion.measurements import HeightReading, PositionFix
-from isogal.fusion.clone import Clone
 from isogal.fusion.model import FilterModel
 from isogal.fusion.prediction import FilterDivergenceError, propagate
 from isogal.fusion.state import FilterState

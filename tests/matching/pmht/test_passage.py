@@ -101,8 +101,8 @@ def test_what_a_bias_adds_is_not_taken_for_new_at_every_fix() -> None:
     ship = ["imu.grade=tactical", "imu.rate=1.0", "velocity.kind=dvl"]
     navigator = driven(vehicle=changed_scenario(Scenario(), ship, "test"))[0]
     assert not navigator.model.unsure_heading
-    passage = navigator.since(float(BEGIN))
-    assert isinstance(passage, Passage)
+    passage = navigator.passage(float(BEGIN))
+    assert passage is not None
     bank, moving = bank_of(passage, passage.before)
     fast = bank.models._replace(growth=np.full_like(bank.models.growth, 100.0))
     heading = moving[HEADING]
@@ -114,7 +114,7 @@ def test_what_a_bias_adds_is_not_taken_for_new_at_every_fix() -> None:
 def test_before_any_sample_nothing_has_become_of_an_error() -> None:
     model = filter_model(CAR)
     still = Estimate(np.array([0.7, 0.2, 0.0]), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-    assert InertialNavigator(model, FilterState.start(still, model)).since(0.0) is None
+    assert InertialNavigator(model, FilterState.start(still, model)).passage(0.0) is None
 
 
 @pytest.mark.parametrize(("turned", "bias"), [(0.3, 0.0), (-0.3, 0.0), (0.0, 5e-4), (0.3, 5e-4)])

@@ -17,7 +17,7 @@ from helpers.changed_messages import changed
 from helpers.navigators import random_covariance
 from isogal.earth.frames import LocalFrame, enu_axes, geodetic_to_ecef
 from isogal.inertial.rotations import from_angles, from_heading, matrix
-from isogal.passage import Aided, Passage
+from isogal.passage import Passage
 from isogal.scenario import load_scenario
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import NED_ENU
@@ -148,41 +148,42 @@ def test_the_stamp_of_numbers(ns) -> None:
     assert peek_numbers_ns(serialize_message(message)) == ns
 
 
-def told(what):
-    """What there may be to say of the time since the last fix."""
-    before, smoothed, after = (random_covariance(np.ones(9), seed) for seed in (1, 2, 3))
-    if what == "passage":
-        arrays = (np.random.default_rng(3).random(shape) for shape in (9, (9, 9), 2, (2, 2)))
-        mean, cross, two, other = arrays
-        return Passage(7.25, before, mean, smoothed, cross, after, two, other)
-    return Aided(7.25, before[:7, :7], np.arange(7.0)) if what == "aided" else None
+def told(states: int) -> Passage | None:
+    """What has become of so many errors since the last fix; 0 = nothing is said."""
+    if not states:
+        return None
+    covariances = (random_covariance(np.ones(states), seed) for seed in (1, 2, 3))
+    shapes = states, (states, states), 2, (2, states - 7), 7
+    arrays = (np.random.default_rng(3).random(shape) for shape in shapes)
+    (before, smoothed, after), (mean, cross, *rest) = covariances, arrays
+    return Passage(7.25, before, mean, smoothed, cross, after, *rest)
 
 
-@pytest.mark.parametrize(("size", "what"), [(4, ""), (7, ""), (7, "aided"), (7, "passage")])
-def test_the_covariance_there_and_back(size, what) -> None:
-    message, cov, since = Float64MultiArray(), random_covariance(np.ones(size), 1), told(what)
-    fill_nav_covariance(message, NS, cov, since)
+@pytest.mark.parametrize(("size", "states"), [(4, 0), (7, 0), (7, 7), (7, 9)])
+def test_the_covariance_there_and_back(size, states) -> None:
+    message, cov, said = Float64MultiArray(), random_covariance(np.ones(size), 1), told(states)
+    fill_nav_covariance(message, NS, cov, said)
     assert list(message.data[:2]) == [12.0, 500_000_000.0]
-    found, aided = read_nav_covariance(message)
+    found, passage = read_nav_covariance(message)
     np.testing.assert_array_equal(found, cov)
-    assert type(aided) is type(since)
-    if since is not None:
-        assert aided.begin == since.begin
-        for one, other in zip(aided.arrays, since.arrays, strict=True):
+    assert (passage is None) == (said is None)
+    if said is not None:
+        assert passage.begin == said.begin
+        for one, other in zip(passage.arrays, said.arrays, strict=True):
             np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize(
-    ("what", "change", "words"),
+    ("states", "change", "words"),
     [
-        ("aided", lambda data: [*data[:-1], math.nan], "not finite"),
-        ("passage", lambda data: data[:-1], "no passage"),
-        ("", lambda data: data[:20], "7 x 7 or 4 x 4"),
+        (7, lambda data: [*data[:-1], math.nan], "not finite"),
+        (9, lambda data: data[:-1], "no passage"),
+        (0, lambda data: data[:20], "7 x 7 or 4 x 4"),
     ],
 )
-def test_covariances_that_cannot_be_used(what, change, words) -> None:
+def test_covariances_that_cannot_be_used(states, change, words) -> None:
     message = Float64MultiArray()
-    fill_nav_covariance(message, NS, np.eye(7), told(what))
+    fill_nav_covariance(message, NS, np.eye(7), told(states))
     with pytest.raises(BadMessageError, match=words):
         read_nav_covariance(Float64MultiArray(data=change(message.data.tolist())))
 

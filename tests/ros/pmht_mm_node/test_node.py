@@ -10,7 +10,7 @@ from sensor_msgs.msg import NavSatStatus, PointCloud2
 
 from helpers.node_bench import bench, vector_reading
 from isogal.matching.interfaces import declined
-from isogal.passage import Aided
+from isogal.passage import Passage
 from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
@@ -75,7 +75,7 @@ def test_what_is_said_since_the_last_fix_counts_at_stamps_of_our_time(
     """Of another fix than the last it does not; seconds in double precision are not exact."""
     node, seen, end = matcher_bench.node, [], 1_764_187_200_123_456_789
     begin = to_seconds(from_seconds(to_seconds(end + later)))
-    since = Aided(begin, np.eye(7), np.zeros(7))
+    passage = Passage.of_dynamics(begin, np.eye(7), np.eye(7), np.eye(7))
     node.scans.ended, node._matching.memory = end, "something"
 
     def match(_prior, _why, told):
@@ -83,10 +83,12 @@ def test_what_is_said_since_the_last_fix_counts_at_stamps_of_our_time(
         raise StopIteration
 
     monkeypatch.setattr(node._matching, "match", match)
-    nav = NavSample(end + 10**10, np.zeros(3), np.zeros(3), np.eye(3), np.eye(7), 1.0, since=since)
+    nav = NavSample(
+        end + 10**10, np.zeros(3), np.zeros(3), np.eye(3), np.eye(7), 1.0, passage=passage
+    )
     with pytest.raises(StopIteration):
         node._match(nav)
-    assert len(seen) == 1 and (seen[0] is since) == used
+    assert len(seen) == 1 and (seen[0] is passage) == used
 
 
 def test_what_a_message_says_of_its_noise_is_used(matcher_bench, drive, monkeypatch) -> None:

@@ -62,29 +62,34 @@ class Memory(NamedTuple):
         """Return it at the end of the next batch, before its readings."""
         prior, before, memory = batch.covariance, self.covariance, self
         jump, passage = batch.history.correction, batch.history.passage
-        refused, first = False, max(len(batch) - batch.new - 1, 0)
+        refused, anew, first = False, False, max(len(batch) - batch.new - 1, 0)
         begin, back = self.diverged.last.time, batch.backward[first].copy()
         # the last batch ended before that where all scans are new, or one was not matched
         back[:2] -= (batch.time[first] - begin) * back[2:4]
+        if passage is not None and not math.isclose(passage.begin, begin, abs_tol=1e-6):
+            passage = None
+        known = back @ prior @ back.T if passage is None else _of_error(passage.before)
         if jump is not None:
             off = -jump - self.taken
             if not _same(off, before):
                 # the fix was not taken as it was: if not at all, the navigator knew what it had
-                # known before; else, where it knows less than by the fix, it knew no more then
+                # known before; else, where it knows less than by the fix, it knew no more then;
+                # where it knows more, several of its states have taken the fix, each by itself:
+                # what it knows now, it knows from the same readings
                 refused = _same(jump, self.untaken)
-                more = grown(before, back @ prior @ back.T)
+                more, narrower = grown(before, known)
+                anew = narrower and not refused and not batch.history.aided
                 before = self.untaken if refused else before + more
             memory = self.moved(off)
-        forward, n = np.linalg.inv(back), BATCH_STATES
-        if passage is not None and math.isclose(passage.begin, begin, abs_tol=1e-6):
-            before, told = passage.before[:n, :n], passage.after[:n, :n]
-            growth = grown(forward @ before @ forward.T, told)
-        else:
-            growth = grown(forward @ before @ forward.T, prior)
-            passage = Passage.of_dynamics(begin, before, forward, growth)
-        slow = self.slow
+        forward = np.linalg.inv(back)
+        if passage is None:
+            passage = Passage.of_dynamics(begin, before, *steps(before, forward, prior))
+        before, slow = _of_error(passage.before), self.slow
+        growth = grown(forward @ before @ forward.T, _of_error(passage.after))[0]
 
         def followed(one: FieldMemory, bank: Hypotheses) -> Hypotheses:
+            if anew and not one.states.slow:
+                return Hypotheses.before(one.models, prior)
             return _passed(one, bank, passage, jump, slow).aided(passage, prior)
 
         # of kilometres, what is not linear in them looks like growth
@@ -136,17 +141,48 @@ def _passed(
     return bank.passed(passage.part(states), moving)
 
 
+def _of_error(covariance: Array) -> Array:
+    """Return (7, 7) that of the navigator's error, without slow ones of its sensors."""
+    return covariance[:BATCH_STATES, :BATCH_STATES]
+
+
 def _same(off: Array, covariance: Array) -> bool:
     """Whether estimates that differ by so much (7,) are the same to a navigator."""
     return bool(off @ np.linalg.solve(covariance, off) <= SAME_ESTIMATE)
 
 
-def grown(before: Array, after: Array) -> Array:
-    """Return (7, 7) what has joined a covariance where it has grown."""
+def steps(before: Array, forward: Array, told: Array) -> tuple[Array, Array]:
+    """Return (7, 7) what has become of an error of covariance `before`, by the dynamics `forward`
+    and by what other aids have told the navigator that has the covariance `told` then, which makes
+    every hypothesis as much narrower; and what has joined its covariance."""
+    dynamic = forward @ before @ forward.T
+    growth, narrower = grown(dynamic, told)
+    if not narrower:
+        return forward, growth
+    learnt = _transport(dynamic + growth, told)
+    return learnt @ forward, learnt @ growth @ learnt.T
+
+
+def grown(before: Array, after: Array) -> tuple[Array, bool]:
+    """Return (7, 7) what has joined a covariance where it has grown, and whether it is narrower in
+    some direction."""
     scale = np.sqrt(np.diag(after))
     unit = np.outer(scale, scale)
     values, vectors = np.linalg.eigh((after - before) / unit)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * unit)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T * unit, bool(values[0] < -1e-9)
+
+
+def _transport(a: Array, b: Array) -> Array:
+    """Return the symmetric T with T a T = b in units of the 1-sigmas of b: the optimal map from
+    N(0, a) to N(0, b) (Gelbrich 1990)."""
+    scale = np.sqrt(np.diag(b))
+    values, vectors = np.linalg.eigh(a / scale / scale[:, None])
+    root = np.sqrt(np.maximum(values, 1e-300))
+    half = (vectors * root) @ vectors.T
+    inverse = (vectors / root) @ vectors.T
+    values, vectors = np.linalg.eigh(half @ (b / scale / scale[:, None]) @ half)
+    middle = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return np.asarray(inverse @ middle @ inverse * scale[:, None] / scale)
 
 
 def decided(memory: Memory, first: int, field_map: AnyMap) -> tuple[Memory, bool]:
