@@ -60,16 +60,11 @@ def propagate(
         assumed = assumed._replace(dt=dt)
     track = np.empty((len(specific_force), TRACK_COLUMNS))
     samples = [_in_one_layout(part) for part in (specific_force, angular_rate, height)]
-    filtering = _reference() if model.filter == "reference" else ukf
-    done = filtering.advance(
-        state.nominal,
-        state.covariance,
-        state.residual_gravity,
-        *samples,
-        assumed,
-        track,
-        state.clone,
-    )
+    if model.filter == "reference":
+        done = _reference().advance(state, *samples, assumed, track)
+    else:
+        mean, known = state.nominal, (state.covariance, state.residual_gravity)
+        done = ukf.advance(mean, *known, *samples, assumed, track, state.clone)
     if done < len(track):
         raise FilterDivergenceError(_LOST)
     require_definite(state)

@@ -2,8 +2,8 @@
 compiled one is compared with.
 
 filterpy's state x is the error state, relative to a nominal state that goes through the strapdown
-beside it: zero before each step, and added to the nominal state after it. `advance` takes and
-returns what that of `isogal.fusion.ukf` does."""
+beside it: zero before each step, and added to the nominal state after it. `advance` does what
+that of `isogal.fusion.ukf` does."""
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
@@ -12,6 +12,7 @@ from isogal.arrays import Array
 from isogal.fusion.auxiliary import Auxiliary, add_gravity, add_input, of_gravity
 from isogal.fusion.clone import Clone, inform_clone
 from isogal.fusion.nominal import Nominal, error_between, move
+from isogal.fusion.state import FilterState
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
 from isogal.inertial.gravity import horizontal_gravity, misplaced
@@ -20,25 +21,19 @@ from isogal.inertial.strapdown import step
 
 
 def advance(
-    state: Nominal,
-    covariance: Array,
-    residual_gravity: Array,
+    state: FilterState,
     force: Array,
     rate: Array,
     height: Array,
     assumptions: Assumptions,
     track: Array,
-    clone: Clone,
 ) -> int:
     """Run prediction and the height update over S intervals, in place; return the steps done
     before a failure, as `ukf.advance` does.
 
     Parameters
     ----------
-    state : Nominal
-    covariance : (15 + M, 15 + M) array
-    residual_gravity : (2,) array
-        As `FilterState` has it.
+    state : FilterState
     force, rate : (S, 3) arrays
         Body axes, m/s² and rad/s.
     height : (S,) array
@@ -46,27 +41,26 @@ def advance(
     assumptions : Assumptions
     track : (S, 13) array
         Receives the track (`isogal.fusion.prediction.TRACK_COLUMNS`).
-    clone : Clone
-        Carried along.
     """
-    learnt = of_gravity(assumptions.auxiliary, residual_gravity)
+    learnt = of_gravity(assumptions.auxiliary, state.residual_gravity)
     left, assumptions = learnt.variance.copy(), assumptions._replace(auxiliary=learnt)
-    unscented, done = _unscented(covariance, assumptions), len(force)
+    unscented, done = _unscented(state.covariance, assumptions), len(force)
     for k, known in enumerate(height):
         spread = 0.5 * float(np.trace(unscented.P[:2, :2]))
         add_gravity(learnt, left, misplaced(assumptions.compensation, spread))
+        samples = force[k], rate[k]
         try:
-            end = _predict(unscented, state, force[k], rate[k], assumptions, clone)
+            end = _predict(unscented, state.nominal, *samples, assumptions, state.clone)
             if assumptions.height_sigma > 0.0 and not np.isnan(known):
-                _take_height(unscented, float(known), end, assumptions, clone)
+                _take_height(unscented, float(known), end, assumptions, state.clone)
         except (np.linalg.LinAlgError, ValueError):  # not positive definite, or not finite
             done = k
             break
         move(end, unscented.x)
-        for array, new in zip(state, end, strict=True):
+        for array, new in zip(state.nominal, end, strict=True):
             array[:] = new
         track[k] = np.concatenate([*end[:3], unscented.P[:2, :2].ravel()[[0, 1, 3]]])
-    covariance[:] = 0.5 * (unscented.P + unscented.P.T)
+    state.covariance[:] = 0.5 * (unscented.P + unscented.P.T)
     return done
 
 
