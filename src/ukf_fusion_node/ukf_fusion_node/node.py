@@ -51,9 +51,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         self._inertial = inertial_topics(self.scenario.ins)[-1]
         if self.scenario.ins.gives_solution:
             preintegrated = self._navigation.model.preintegrated
-            self._solutions = Solutions(
-                self, preintegrated, lambda one: self._hold(to_ns(one.header.stamp), one)
-            )
+            self._solutions = Solutions(self, preintegrated, self._hold)
         else:
             self.listen(topics.IMU, lambda data: self._hold(peek_ns(data), data), raw=True)
         self.listen(topics.INITIAL_POSE, self._take_pose)

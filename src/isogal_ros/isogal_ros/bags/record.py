@@ -148,7 +148,7 @@ def _one_that_is_ok(data: bytes) -> bool:
     each takes longer than all else of a recording."""
     content = Reader(data)
     try:
-        content.take("iI")  # the stamp
+        content.stamp()
         content.text()
         (count,) = content.take("I")
         (level,) = content.take("B")

@@ -59,7 +59,7 @@ def read_transforms(data: bytes) -> dict[str, Link]:
     try:
         (count,) = content.take("I")
         for _ in range(int(count)):
-            content.take("iI")  # the stamp
+            content.stamp()
             parent, child = content.text(), content.text()
             numbers = np.array(content.take("7d"))
             turn = np.roll(numbers[3:], 1)  # w first

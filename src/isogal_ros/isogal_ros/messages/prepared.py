@@ -179,6 +179,11 @@ class Reader:
         except struct.error:
             raise BadMessageError("cut off, or too few numbers") from None
 
+    def stamp(self) -> int:
+        """Return a stamp, ns."""
+        seconds, rest = self.take("iI")
+        return int(seconds) * SECOND + int(rest)
+
     def text(self) -> str:
         """Return a text."""
         length = int(self.take("I")[0])

@@ -21,7 +21,7 @@ from isogal.sensors.reduction import Reduction, State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import FRD_FLU, map_frame
-from isogal_ros.messages.odometry import motion_of, read_velocity
+from isogal_ros.messages.odometry import read_odometry, read_velocity
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.prepared import decoded
 from isogal_ros.messages.stamped_numbers import peek_numbers_ns, read_nav_covariance
@@ -73,7 +73,7 @@ class NavSample:
 def read_nav(fix: bytes, odom: bytes, frame: LocalFrame) -> NavSample:
     """Return the state that serialised messages on nav/fix and nav/odom say, in the frame ``map``;
     raises BadMessageError where one cannot be used."""
-    where, motion = decoded(fix, topics.NAV_FIX.type), motion_of(odom)
+    where, motion = decoded(fix, topics.NAV_FIX.type), read_odometry(odom)
     position, of_position = read_position(where), read_covariance(where)
     velocity, of_velocity, attitude = read_velocity(motion, frame, *position[:2])
     covariance = np.zeros((4, 4))
