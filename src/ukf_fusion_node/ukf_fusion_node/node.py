@@ -109,7 +109,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
             self._publish()
         if self._navigation.navigator is None:
             self._aids.pass_by(ns)
-        self.health.tick(ns)
+        self.health.stamp = ns
         return self._navigation.navigator is not None
 
     def _take_sample(
@@ -128,7 +128,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         if (between := self._navigation.between()) is not None:
             self.outputs.publish_odometry(*between)
         self._navigation.tell_unresolved()
-        self.health.tick(ns)
+        self.health.stamp = ns
 
     def _step(self) -> None:
         """Publish what a step has led to, then use what has waited for its end."""

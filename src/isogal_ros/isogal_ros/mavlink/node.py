@@ -169,7 +169,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
     def _take_odometry(self, data: bytes) -> None:
         odometry = read_odometry(data)
         self._heard = self.monotonic()
-        self.health.tick(odometry.ns)
+        self.health.stamp = odometry.ns
         if (why := self._silence.why) is not None:
             self.health.state(WARN, f"silent: {why}")
             return

@@ -117,7 +117,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             automatically_declare_parameters_from_overrides=True,
         )
         self._guard_transitions()
-        alone = self._join(context)
+        self._join(context)
         self.exit_code = 0
         self.failure = ""
         """Why the node failed, where it did."""
@@ -135,15 +135,13 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             self.health = Health(
                 self.get_fully_qualified_name().lstrip("/"),
                 self.advertise(topics.DIAGNOSTICS),
-                from_seconds(self.settings.diagnostics_period),
                 self.log,
-                # where there is no wall time, that of the data
-                None if alone else time.monotonic,
             )
             on_change(self, specs, lambda new: self.changed(new) if self.configured else None)
             steady, self._heartbeat = Clock(clock_type=ClockType.STEADY_TIME), Heartbeat(self)
             # made before `setup` makes anything, so that they outlive a cleanup
             self.create_timer(1.0, self._beat, clock=steady)
+            self.create_timer(self.settings.diagnostics_period, self._renew, clock=steady)
             self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
             if self.settings.autostart:
                 self.start()
@@ -151,9 +149,8 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             self.destroy_node()
             raise
 
-    def _join(self, context: Context | None) -> bool:
-        """Note the bus that carries the node's messages, where its context is one; return whether
-        its time is that of the data on the bus."""
+    def _join(self, context: Context | None) -> None:
+        """Note the bus that carries the node's messages, where its context is one."""
         self.bus: Bus | None = getattr(context, "bus", None)
         """None = the middleware carries them."""
         quiet = self.bus is not None and self.bus.quiet
@@ -161,9 +158,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         set_logger_level(self.get_logger().name, level)
         self.monotonic = time.monotonic
         if (bus := self.bus) is not None and bus.alone:
-            self.monotonic = lambda: bus.now
-            return True
-        return False
+            self.monotonic = lambda: bus.now  # there is no wall time but that of the data
 
     def _guard_transitions(self) -> None:
         """Refuse a transition that the node's state does not have: rclpy raises, which would end
@@ -460,9 +455,11 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         if self.health.message == STARTING:
             self.health.state(OK, "ready")
 
+    def _renew(self) -> None:
+        self.health.renew()
+
     def _beat(self) -> None:
-        """Hear who offers less than is asked for, look at what no message tells of, and publish
-        diagnostics while no data comes."""
+        """Hear who offers less than is asked for, and look at what no message tells of."""
         for listening in list(self.listening.values()):
             listening.adapt()
         for monitor in self._monitors:

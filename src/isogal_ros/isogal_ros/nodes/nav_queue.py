@@ -241,7 +241,7 @@ class NavQueue(Generic[Item]):
                 nav = None
             del self.waiting[0]
             self._handle(ns, item, nav)
-            self._health.tick(ns)
+            self._health.stamp = ns
 
     def at(self, ns: int) -> NavSample | None:
         """Return the state at a stamp as it was before any fix of that stamp, or None while it may
