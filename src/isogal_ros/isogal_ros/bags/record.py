@@ -221,34 +221,30 @@ class Places:
         self._messages, self._stamps = messages, sorted(messages)
 
     def __contains__(self, ns: int) -> bool:
-        return ns in self._messages or self._around(ns) is not None
+        return bool(self._around(ns))
 
     def at(self, stamps: Sequence[int]) -> Array:
         """Return latitude and longitude (rad) (n, 2) at stamps, linear between messages; NaN where
         there is none on either side."""
-        return np.array([self._at(ns) for ns in stamps]).reshape(-1, 2)
+        found = np.full((len(stamps), 2), np.nan)
+        for row, ns in zip(found, stamps, strict=True):
+            if around := self._around(ns):
+                places = [self._position(stamp) for stamp in around]
+                # also across 180 degrees
+                row[:] = [np.interp(ns, around, np.unwrap(one)) for one in np.transpose(places)]
+        return found
 
     def before(self, ns: int) -> bytes:
         """Return the message of a stamp, or the last one before it."""
         return self._messages[self._stamps[bisect_right(self._stamps, ns) - 1]]
 
-    def _at(self, ns: int) -> tuple[float, float]:
+    def _around(self, ns: int) -> list[int]:
+        """Return the stamps before and after one, or itself; none where they are too far apart."""
         if ns in self._messages:
-            return self._position(ns)
-        if (around := self._around(ns)) is None:
-            return np.nan, np.nan
-        (one, other), share = around, (ns - around[0]) / (around[1] - around[0])
-        here, there = self._position(one), self._position(other)
-        east = (there[1] - here[1] + np.pi) % (2.0 * np.pi) - np.pi  # also across 180 degrees
-        return here[0] + share * (there[0] - here[0]), here[1] + share * east
-
-    def _around(self, ns: int) -> tuple[int, int] | None:
-        """Return the stamps before and after one; None where they are too far apart."""
+            return [ns]
         i = bisect_right(self._stamps, ns)
-        if not 0 < i < len(self._stamps):
-            return None
-        before, after = self._stamps[i - 1 : i + 1]
-        return (before, after) if after - before <= LONGEST_GAP else None
+        both = self._stamps[i - 1 : i + 1] if i > 0 else []
+        return both if len(both) == 2 and both[1] - both[0] <= LONGEST_GAP else []
 
     def _position(self, ns: int) -> tuple[float, float]:
         message = deserialize_message(self._messages[ns], topics.NAV_FIX.type)

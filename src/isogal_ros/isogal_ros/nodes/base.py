@@ -141,7 +141,8 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             steady, self._heartbeat = Clock(clock_type=ClockType.STEADY_TIME), Heartbeat(self)
             # made before `setup` makes anything, so that they outlive a cleanup
             self.create_timer(1.0, self._beat, clock=steady)
-            self.create_timer(self.settings.diagnostics_period, self._renew, clock=steady)
+            period = self.settings.diagnostics_period
+            self.create_timer(period, self.health.renew, clock=steady)
             self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
             if self.settings.autostart:
                 self.start()
@@ -454,9 +455,6 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             self.health.figures["waiting for listeners"] = "none"
         if self.health.message == STARTING:
             self.health.state(OK, "ready")
-
-    def _renew(self) -> None:
-        self.health.renew()
 
     def _beat(self) -> None:
         """Hear who offers less than is asked for, and look at what no message tells of."""

@@ -120,27 +120,18 @@ def take_next(subscription: Subscription) -> tuple[bytes, bytes | None] | None:
 
 
 class Foretold(Subscription):
-    """A subscription that says when a message is about to be taken."""
+    """What a subscription becomes that is to say when a message is about to be taken."""
+
+    before: Callable[[], None]
+    """Called then."""
 
     @property
     def msg_type(self) -> type[Message]:
         """The class of its messages, which an executor asks for before each."""
-        before: Callable[[], None] | None = self.__dict__.get("before")
-        if before is not None:
-            # one that was destroyed may have been told of a message that it had still to take
-            with suppress(InvalidHandle):
-                before()
+        # one that was destroyed may have been told of a message that it had still to take
+        with suppress(InvalidHandle):
+            self.before()
         return self.__dict__["msg_type"]
-
-    @msg_type.setter
-    def msg_type(self, kind: type[Message]) -> None:
-        self.__dict__["msg_type"] = kind
-
-
-def foretell(subscription: Subscription, before: Callable[[], None]) -> None:
-    """Let a function be called whenever a message of a subscription is about to be taken."""
-    subscription.__class__ = Foretold
-    subscription.__dict__["before"] = before
 
 
 Take = Callable[[topics.Message], None]
@@ -217,7 +208,7 @@ class Listening:
         )
         self._connected, self._settled = -1, False
         if self._single:
-            foretell(made, self._sort)
+            made.__class__, made.before = Foretold, self._sort
         return made
 
     def _refresh(self) -> None:
