@@ -91,7 +91,7 @@ class LockStep:
     def _hear(self, topic: topics.Topic, take: Callable[[bytes], None]) -> str:
         """Listen to a topic; return its resolved name."""
         guarded = partial(self._node.guard, topic, take)
-        return self._node.hear(topic, guarded, raw=True).topic_name
+        return self._node.hear(topic, guarded).topic_name
 
     def _hear_peers(self, data: bytes) -> None:
         """Note which nodes of the same namespace are ready, and which are not active."""

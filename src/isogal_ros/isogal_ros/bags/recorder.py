@@ -102,7 +102,7 @@ class RecorderNode(GraphNode[RecorderSettings]):
             except OSError as error:
                 self._failed_to_write(error)
 
-        listening = self.hear(topic, write, raw=True)
+        listening = self.hear(topic, write)
         name = listening.topic_name
 
     def _go_on(self, is_inertial: bool, stamp: int) -> None:

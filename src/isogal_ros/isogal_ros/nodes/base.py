@@ -33,6 +33,7 @@ from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import Entrance
 from isogal_ros.messages.mounting import mounted, placed
+from isogal_ros.messages.prepared import decoded
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
 from isogal_ros.nodes.heartbeat import Heartbeat
@@ -233,26 +234,24 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         self.publishing.append(Publishing(self, topic, len(listeners)))
         return self.publishing[-1]
 
-    def listen(self, topic: Topic, handler: Take, raw: bool = False) -> Listening:
-        """Subscribe; a message with which the handler fails is dropped and counted. It has passed
-        the node's `Entrance`."""
-
-        def enter(message: topics.Message) -> None:
-            now = self.now_ns()
-            if raw:
-                given = topics.type_name(listening.type)
-                handler(self._entrance.take_serialised(topic, message, given, now))
-            else:
-                handler(self._entrance.take(topic, message, now))
-
+    def listen(
+        self, topic: Topic, handler: Callable[[topics.Message], None], raw: bool = False
+    ) -> Listening:
+        """Subscribe; a message with which the handler, which takes it serialised if `raw`, fails
+        is dropped and counted. It has passed the node's `Entrance`."""
         plain = not self._entrance.changes(topic)
 
-        def guarded(message: topics.Message) -> None:
-            if self.active:
-                as_it_is = plain and listening.type is topic.type
-                self.guard(topic, handler if as_it_is else enter, message)
+        def enter(data: bytes) -> None:
+            if not (plain and listening.type is topic.type):
+                given = topics.type_name(listening.type)
+                data = self._entrance.take_serialised(topic, data, given, self.now_ns())
+            handler(data if raw else decoded(data, topic.type))
 
-        listening = self.hear(topic, guarded, raw, topic.single)
+        def guarded(data: bytes) -> None:
+            if self.active:
+                self.guard(topic, enter, data)
+
+        listening = self.hear(topic, guarded, topic.single)
         return listening
 
     def now_ns(self) -> int:
@@ -261,18 +260,10 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             return from_seconds(self.bus.now)
         return int(self.get_clock().now().nanoseconds)
 
-    def hear(self, topic: Topic, take: Take, raw: bool = False, single: bool = False) -> Listening:
-        """Subscribe; what `take` raises is raised, and it has to look whether the node is active
-        itself.
-
-        Parameters
-        ----------
-        take : callable
-            Takes a message, serialised if `raw`.
-        single : bool, optional
-            Whether to use one publisher only, see `Listening`.
-        """
-        self.listening[topic.name] = Listening(self, topic, take, raw, single)
+    def hear(self, topic: Topic, take: Take, single: bool = False) -> Listening:
+        """Subscribe, see `Listening`; what `take` raises is raised, and it has to look whether the
+        node is active itself."""
+        self.listening[topic.name] = Listening(self, topic, take, single)
         return self.listening[topic.name]
 
     def guard(self, topic: Topic, action: Callable[..., None], *arguments: topics.Message) -> None:

@@ -31,9 +31,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from isogal_ros import topics
-from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import takes_others, type_taken
-from isogal_ros.messages.prepared import decoded
 from isogal_ros.topics import LOSSLESS, Message, Topic
 
 if TYPE_CHECKING:
@@ -134,8 +132,8 @@ class Foretold(Subscription):
         return self.__dict__["msg_type"]
 
 
-Take = Callable[[topics.Message], None]
-"""Takes a message of a topic; or a serialised one, as the subscription says."""
+Take = Callable[[bytes], None]
+"""Takes a serialised message of a topic."""
 _BEST_EFFORT = QoSProfile(
     history=HistoryPolicy.KEEP_ALL, depth=0, reliability=ReliabilityPolicy.BEST_EFFORT
 )
@@ -150,20 +148,12 @@ class Listening:
     node : GraphNode
     topic : Topic
     take : callable
-        Takes a message, serialised if `raw`.
     single : bool, optional
         Whether to use one publisher only, of those by the middleware.
     """
 
-    def __init__(
-        self,
-        node: "GraphNode",
-        topic: Topic,
-        take: Take,
-        raw: bool = False,
-        single: bool = False,
-    ) -> None:
-        self.node, self.topic, self._take, self._raw = node, topic, take, raw
+    def __init__(self, node: "GraphNode", topic: Topic, take: Take, single: bool = False) -> None:
+        self.node, self.topic, self.deliver = node, topic, take
         self._refused = False
         self.type: type[topics.Message] = topic.type
         """Of the messages that are taken: the topic's own, or one that a driver publishes."""
@@ -192,19 +182,10 @@ class Listening:
         if self._subscription is None:
             self._subscription = self._subscribe(LOSSLESS)
 
-    def deliver(self, data: bytes) -> None:
-        """Take a serialised message; one that cannot be read is dropped."""
-        try:
-            message = data if self._raw else decoded(data, self.type)
-        except BadMessageError as error:
-            self.node.health.drop(self.topic.name, str(error))
-            return
-        self._take(message)
-
     def _subscribe(self, profile: QoSProfile) -> Subscription:
         topic, events = self.topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
         made = self.node.create_subscription(
-            self.type, topic.name, self._take, profile, raw=self._raw, event_callbacks=events
+            self.type, topic.name, self.deliver, profile, raw=True, event_callbacks=events
         )
         self._connected, self._settled = -1, False
         if self._single:
