@@ -11,7 +11,8 @@ from isogal.matching.batching import fix_due
 from isogal.matching.update_schedule import UpdateSchedule
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import figures_of
 

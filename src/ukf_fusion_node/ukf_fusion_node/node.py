@@ -12,7 +12,8 @@ from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.imu import read_imu, require_noise
 from isogal_ros.messages.ins_solution import inertial_topics
-from isogal_ros.messages.stamps import peek_ns, to_ns
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import to_ns
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of

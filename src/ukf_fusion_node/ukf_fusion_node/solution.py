@@ -23,7 +23,8 @@ from isogal_ros.messages.ins_solution import (
     read_position_and_velocity,
     read_solution,
 )
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from ukf_fusion_node.navigation import Navigation
 

@@ -27,8 +27,8 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import type_taken
 from isogal_ros.messages.point import read_candidates
 from isogal_ros.messages.position import read_covariance, read_place, read_position
-from isogal_ros.messages.prepared import Reader, decoded
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
+from isogal_ros.messages.prepared import Reader, decoded, peek_ns
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import Topic, type_name
 
@@ -181,9 +181,8 @@ def wanted_messages(
         if topic is not None:
             kind = reader.types[name]
             try:
-                if len(message.data) < _SHORTEST:
-                    raise BadMessageError("no message")
                 data = reader.entrance.take_serialised(topic, message.data, kind, message.log_ns)
+                peek_ns(data)  # which has to be there
                 _require_whole(topic, data)
             except BadMessageError as error:
                 left_out.setdefault(name, []).append(str(error))
@@ -194,8 +193,6 @@ def wanted_messages(
 
 
 _PLACES = topics.NAV_FIX, topics.TRUTH_FIX, topics.INS_FIX
-_SHORTEST = 12
-"""Bytes of a serialised message that has a stamp and nothing else."""
 _UNCHECKED = topics.IMU, topics.DIAGNOSTICS
 """Topics whose readers look themselves whether messages are whole: there are many."""
 

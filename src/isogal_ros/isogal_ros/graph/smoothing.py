@@ -31,7 +31,8 @@ from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.odometry import empty_odometry, fill_odom
-from isogal_ros.messages.stamps import among, peek_ns, to_seconds
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import among, to_seconds
 
 WHOLE = {"horizon": 1e8}
 """Parameters of a filter whose history goes back three years, s."""

@@ -192,3 +192,9 @@ class Reader:
             return self._data[self._at - length : self._at - 1].decode()
         except UnicodeDecodeError:
             raise BadMessageError("a text is not in UTF-8") from None
+
+
+def peek_ns(data: bytes) -> int:
+    """Return the stamp of a serialised message that begins with a header or a stamp; raises
+    BadMessageError where it is cut off."""
+    return Reader(data).stamp()

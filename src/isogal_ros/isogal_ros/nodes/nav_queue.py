@@ -23,9 +23,9 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import FRD_FLU, map_frame
 from isogal_ros.messages.odometry import read_odometry, read_velocity
 from isogal_ros.messages.position import read_covariance, read_position
-from isogal_ros.messages.prepared import decoded
+from isogal_ros.messages.prepared import decoded, peek_ns
 from isogal_ros.messages.stamped_numbers import peek_numbers_ns, read_nav_covariance
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
