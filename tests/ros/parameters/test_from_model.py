@@ -8,12 +8,12 @@ import yaml
 from pydantic import BaseModel, Field
 from rcl_interfaces.msg import ParameterType
 
-from isogal.scenario import Scenario, load_scenario
+from isogal.scenario import Scenario, load_scenario, validate_scenario
 from isogal_ros.graph import parameter_reference
 from isogal_ros.graph.parameter_files import scenario_of, values_of
 from isogal_ros.graph.plan import CLASSES, node_class
 from isogal_ros.parameters.from_model import limits, parameter_specs
-from isogal_ros.parameters.values import parameter_file, scenario_from, scenario_values
+from isogal_ros.parameters.values import nested, parameter_file, scenario_values
 
 
 def test_every_parameter_is_typed_and_described() -> None:
@@ -97,7 +97,7 @@ def test_a_scenario_survives_parameters(overrides) -> None:
         name: specs[name].to_field(value) for name, value in scenario_values(scenario).items()
     }
     assert set(values) == set(specs)
-    assert scenario_from(values, "test") == scenario
+    assert validate_scenario(nested(values), "test") == scenario
 
 
 def test_a_parameter_file_says_the_scenario_and_what_each_node_has_of_its_own() -> None:

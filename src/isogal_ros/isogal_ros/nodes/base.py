@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 from typing_extensions import TypeVar
 
 from isogal.errors import InputError
-from isogal.scenario import Scenario, truth_of
+from isogal.scenario import Scenario, truth_of, validate_scenario, validated
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import Entrance
@@ -43,7 +43,7 @@ from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.static_transforms import static_transforms
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
-from isogal_ros.parameters.values import Values, scenario_from, settings_from
+from isogal_ros.parameters.values import Values, nested
 from isogal_ros.topics import Topic
 
 if TYPE_CHECKING:
@@ -217,7 +217,8 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         truth = assumed.get("truth")
         if isinstance(truth, dict):  # a file that all nodes share says it of all sections
             assumed["truth"] = truth_of(truth, cls.sections)
-        return settings_from(cls.settings_model, own, name), scenario_from(assumed, name)
+        settings = validated(cls.settings_model, nested(own), where=f"{name}: ")
+        return settings, validate_scenario(nested(assumed), name)
 
     def changed(self, values: Values) -> None:
         """Take new values of mutable parameters; an InputError refuses them."""
