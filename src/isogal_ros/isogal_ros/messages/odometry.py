@@ -10,6 +10,7 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, A
 from isogal.earth.frames import LocalFrame
+from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import from_matrix, matrix, rotate
 from isogal_ros.messages.checks import (
     BadMessageError,
@@ -63,6 +64,23 @@ def fill_odom(
     numbers = np.zeros(_NUMBERS)
     _write_state(numbers, frame.axes, frame.origin, state, angular_rate, covariance)
     write(message, ns, numbers)
+
+
+def fill_state(
+    message: Prepared, ns: int, frame: LocalFrame, state: FilterState, angular_rate: Array
+) -> None:
+    """Write a state of the filter into an Odometry message.
+
+    Parameters
+    ----------
+    frame : LocalFrame
+        The frame ``map``.
+    state : FilterState
+    angular_rate : (3,) array
+        Of the gyroscopes, FRD, rad/s.
+    """
+    nav, turn_rate = np.concatenate(state.estimate), state.turn_rate(angular_rate)
+    fill_odom(message, ns, frame, nav, turn_rate, state.covariance)
 
 
 @kernel
