@@ -1,6 +1,7 @@
 """The navigator's latest states by stamp, decoded only where a scan needs them, and the items that
 wait for them."""
 
+from bisect import insort
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -155,8 +156,8 @@ class _Stamp:
 
 class NavQueue(Generic[Item]):
     """Collects ``nav/fix``, ``nav/odom`` and ``nav/covariance`` for a node, and hands on each of
-    its items, in the order they came, once the navigator's state of their stamp is there. Where
-    too many wait, the oldest is handed on without.
+    its items, in order of time, once the navigator's state of their stamp is there. Where too many
+    wait, the oldest is handed on without.
 
     A further pair of fix and odometry of the same stamp is the navigator after a fix. Messages are
     kept serialised, since only one in ten is needed.
@@ -172,6 +173,8 @@ class NavQueue(Generic[Item]):
         that stamp.
     arrived : callable
         Called without arguments when the navigator has gone on, or an item has come.
+    in_turn : callable
+        Whether no item of an earlier time than a stamp (ns) can come any more.
     """
 
     def __init__(
@@ -180,9 +183,11 @@ class NavQueue(Generic[Item]):
         settings: Settings,
         handle: Callable[[int, Item, NavSample | None], None],
         arrived: Callable[[], None] = lambda: None,
+        in_turn: Callable[[int], bool] = lambda _: True,
     ) -> None:
-        self.waiting: list[tuple[int, Item]] = []
-        """Stamps and items."""
+        self.waiting: list[tuple[int, int, Item]] = []
+        """Stamps, ranks and items, in order."""
+        self._in_turn = in_turn
         self._health, self._handle, self._arrived = node.health, handle, arrived
         self.changes: deque[Jump | Gap] = deque(maxlen=REPEATED)
         """Jumps and gaps seen, oldest first; whoever uses them takes them out."""
@@ -201,9 +206,9 @@ class NavQueue(Generic[Item]):
         self._monotonic, self._first_in_line = node.monotonic, (-1, 0.0)
         node.watch("waiting for the navigator", self._unanswered)
 
-    def put(self, ns: int, item: Item) -> None:
-        """Take an item."""
-        self.waiting.append((ns, item))
+    def put(self, ns: int, item: Item, rank: int = 0) -> None:
+        """Take an item of a stamp, which follows those of the same stamp and no higher rank."""
+        insort(self.waiting, (ns, rank, item), key=lambda one: one[:2])
         self._arrived()
         self._process()
 
@@ -229,7 +234,9 @@ class NavQueue(Generic[Item]):
     def _process(self) -> None:
         """Deal with the waiting items as far as the navigator's states reach."""
         while self.waiting:
-            ns, item = self.waiting[0]
+            ns, _, item = self.waiting[0]
+            if not self._in_turn(ns):
+                return
             try:
                 nav = self.at(ns)
                 if nav is None and len(self.waiting) <= LONGEST:
