@@ -8,14 +8,13 @@ from typing import TypedDict
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import NavSatStatus
 
 from isogal.arrays import Array
 from isogal.cli.errors import note
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs, Texts
 from isogal.evaluation.view.record import Event
-from isogal.fix import Candidates, Status
+from isogal.fix import Candidates, Fix, Status
 from isogal.maps.channels import channels_of
 from isogal.maps.several import RunMap, first_map
 from isogal.maps.tiled_map import ScalarMap
@@ -25,8 +24,9 @@ from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import type_taken
+from isogal_ros.messages.fix_information import read_fix
 from isogal_ros.messages.point import read_candidates
-from isogal_ros.messages.position import read_covariance, read_place, read_position
+from isogal_ros.messages.position import read_covariance, read_place
 from isogal_ros.messages.prepared import Reader, decoded, peek_ns
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.health import figures_of
@@ -114,15 +114,12 @@ class Collector:
     def fix_positions(self) -> dict[int, tuple[float, float] | None]:
         """Return latitude and longitude (rad) of each batch's fix by stamp; None where the batch
         gave none."""
-        result: dict[int, tuple[float, float] | None] = {}
-        for ns, data in self.fixes.items():
-            message = deserialize_message(data, topics.FIX.type)
-            if message.status.status == NavSatStatus.STATUS_NO_FIX:
-                result[ns] = None
-            else:
-                latitude, longitude, _ = read_position(message)
-                result[ns] = latitude, longitude
-        return result
+        each = {ns: self.fix(ns) for ns in self.fixes}
+        return {ns: (x.latitude, x.longitude) if x.published else None for ns, x in each.items()}
+
+    def fix(self, ns: int) -> Fix:
+        """Return the fix of a stamp."""
+        return read_fix(deserialize_message(self.fixes[ns], topics.FIX.type)).fix
 
     def _take_diagnostics(self, data: bytes) -> None:
         if _one_that_is_ok(data):
@@ -336,15 +333,14 @@ def _fix_record(
     statuses, reasons = [Status.FIX.value] * count, [""] * count
     places, nav = truth.at(ends), last_nav.at(ends)
     for i, ns in enumerate(ends):
-        message = deserialize_message(collector.fixes[ns], topics.FIX.type)
-        if message.status.status == NavSatStatus.STATUS_NO_FIX:
+        fix = collector.fix(ns)
+        if fix.published:
+            error[i] = horizontal_difference(fix.latitude, fix.longitude, *places[i])
+            covariance[i] = fix.covariance
+        else:
             said = collector.batches.get(ns, {})
             reasons[i] = said.get("message") or "not said"
             statuses[i] = said.get("status", Status.DECLINED.value)
-        else:
-            found = read_position(message)
-            error[i] = horizontal_difference(found[0], found[1], *places[i])
-            covariance[i] = read_covariance(message)[:2, :2]
         posterior[i] = horizontal_difference(*nav[i], *places[i])
     posterior_covariance = np.array([_covariance(last_nav.before(ns)) for ns in ends])
     return {
