@@ -39,8 +39,8 @@ from isogal_ros.graph.running import Processes
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.frames import BASE, framed
 from isogal_ros.messages.imu import fill_imu
-from isogal_ros.messages.prepared import Prepared
-from isogal_ros.messages.stamps import from_seconds, peek_ns
+from isogal_ros.messages.prepared import Prepared, peek_ns
+from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.signals import interrupts
 from isogal_ros.topics import LOSSLESS, Topic
 

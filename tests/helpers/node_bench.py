@@ -206,7 +206,8 @@ class Bench:
         self.publish(topic, message)
 
     def says(self) -> list[tuple[bytes, str, dict[str, str]]]:
-        """Return what the node said about itself: level, message, figures."""
+        """Return what the node said about itself, now included: level, message, figures."""
+        self.node.health.renew()
         items = [item for array in self.heard[topics.DIAGNOSTICS.name] for item in array.status]
         return [
             (item.level, item.message, figures_of(item))

@@ -13,7 +13,7 @@ from helpers.commands import PATIENCE
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import wanted_messages
-from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.messages.prepared import peek_ns
 from isogal_ros.nodes.spin import make_executor
 
 LISTENERS = 2

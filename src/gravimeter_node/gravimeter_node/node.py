@@ -24,7 +24,8 @@ from isogal_ros import topics
 from isogal_ros.messages.adapter import Reading, adapter_of
 from isogal_ros.messages.checks import require_later
 from isogal_ros.messages.magnetometer import read_scalar
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.nav_queue import NavQueue, NavSample

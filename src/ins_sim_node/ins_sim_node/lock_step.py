@@ -11,7 +11,8 @@ from isogal.matching.batching import fix_due
 from isogal.matching.update_schedule import UpdateSchedule
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import figures_of
 
@@ -62,8 +63,9 @@ class LockStep:
         self._ns = -1
         """Stamp of the step under way."""
         self._nav = self._fixes = 0
-        self._needs_readings: set[int] = set()
-        self._needs_fix = self._takes_fixes = False
+        self._needs: set[str] = set()
+        """Answers beside nav that are still to come: fix, and those of `_reading_of`."""
+        self._takes_fixes = False
         self.complete = True
         """Whether all answers to the step are there."""
         self._full = True
@@ -77,10 +79,10 @@ class LockStep:
         self._without: set[str] = set()
         self._topics = {
             "nav": self._hear(topics.NAV_ODOM, self._take_nav),
-            "fix": self._hear(topics.FIX, self._take_fix),
+            "fix": self._hear(topics.FIX, partial(self._take, "fix", self._lead)),
         }
         for field, one in enumerate(each):
-            take = partial(self._take_reading, field)
+            take = partial(self._take, _reading_of(field), field)
             self._topics[_reading_of(field)] = self._hear(adapter_of(one).reduced, take)
         self.not_ready = {name for name in node.settings.peers if name != node.get_name()}
         """Nodes that have not said yet that all their listeners are there."""
@@ -91,7 +93,7 @@ class LockStep:
     def _hear(self, topic: topics.Topic, take: Callable[[bytes], None]) -> str:
         """Listen to a topic; return its resolved name."""
         guarded = partial(self._node.guard, topic, take)
-        return self._node.hear(topic, guarded, raw=True).topic_name
+        return self._node.hear(topic, guarded).topic_name
 
     def _hear_peers(self, data: bytes) -> None:
         """Note which nodes of the same namespace are ready, and which are not active."""
@@ -118,10 +120,11 @@ class LockStep:
         self._ns = ns
         self._nav = self._fixes = 0
         scanned = {k for k, steps in enumerate(self._per_scan) if step > 0 and step % steps == 0}
-        self._needs_readings = {k for k in scanned if _reading_of(k) not in self._absent}
+        self._needs = {_reading_of(k) for k in scanned} - self._absent
         scans = step // self._per_scan[self._lead]
         is_end = self._lead in scanned and fix_due(scans, self._matcher)
-        self._needs_fix = self._takes_fixes = is_end and not self._absent
+        self._takes_fixes = is_end and not self._absent
+        self._needs |= {"fix"} if self._takes_fixes else set()
         self.complete = step == 0 or "nav" in self._absent
         self._full = not self._absent
 
@@ -139,28 +142,18 @@ class LockStep:
             self._nav += 1
         self._check()
 
-    def _take_reading(self, field: int, data: bytes) -> None:
-        if self._is_of_step(data, field):
-            self._needs_readings.discard(field)
+    def _take(self, what: str, field: int, data: bytes) -> None:
+        """Take a reading of a field, or a fix, which is of that of the lead. In retrodiction mode
+        fixes of earlier scans come first. One of an earlier step, which was not waited for, may
+        have been answered before this step began. Recorded readings may come up to a scan after
+        their stamps."""
+        self._fixes += what == "fix" and self._takes_fixes
+        if 0 <= self._ns - peek_ns(data) < self._intervals[field]:
+            self._needs.discard(what)
         self._check()
-
-    def _take_fix(self, data: bytes) -> None:
-        """Count a message on ``pmht_mm/fix``; in retrodiction mode those of earlier scans come
-        first. One of an earlier step, which was not waited for, may have been answered before
-        this step began."""
-        self._fixes += self._takes_fixes
-        if self._is_of_step(data, self._lead):
-            self._needs_fix = False
-        self._check()
-
-    def _is_of_step(self, data: bytes, field: int) -> bool:
-        """Whether a message is of the scan of a field at the step under way: recorded readings may
-        come up to a scan after their stamps."""
-        return 0 <= self._ns - peek_ns(data) < self._intervals[field]
 
     def _check(self) -> None:
-        waits = self._needs_readings or self._needs_fix or self._nav < 1 + self._fixes
-        if not (self.complete or waits):
+        if not (self.complete or self._needs or self._nav < 1 + self._fixes):
             self.complete = True
             if self.changed and self._full:
                 self._absent = self.absent()
@@ -202,9 +195,9 @@ class LockStep:
         lacking = []
         if self._nav < 1 + self._fixes:
             lacking.append(f"nav/odom ({self._nav} of {1 + self._fixes})")
-        if self._needs_readings:
+        if self._needs - {"fix"}:
             lacking.append("the reduced reading")
-        if self._needs_fix:
+        if "fix" in self._needs:
             lacking.append("pmht_mm/fix")
         return f"missing {', '.join(lacking)} of stamp {to_seconds(self._ns):.3f} s"
 

@@ -163,7 +163,7 @@ class InsSimNode(GraphNode[InsSimSettings]):
             self._outputs.publish(step, stamp)
         self.health.figures |= self._outputs.progress(ns, self._moved - self.begun)
         self.health.state(OK, "running")
-        self.health.tick(ns)
+        self.health.stamp = ns
 
     def _arrive(self) -> None:
         self.health.state(OK, "finished")

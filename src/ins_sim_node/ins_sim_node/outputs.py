@@ -4,7 +4,6 @@ import math
 import time
 
 import numpy as np
-from rclpy.serialization import deserialize_message
 
 from isogal.arrays import Array
 from isogal.fields.simulated_vehicle import SimulatedVehicle
@@ -21,7 +20,7 @@ from isogal_ros.messages.aids import (
 from isogal_ros.messages.frames import ANTENNA, BASE, FRD_FLU, NED_ENU, framed, map_frame
 from isogal_ros.messages.imu import fill_imu, fill_noise
 from isogal_ros.messages.ins_solution import SolutionMessages
-from isogal_ros.messages.odometry import empty_odometry, fill_odom
+from isogal_ros.messages.odometry import empty_odometry, fill_odom, read_odometry
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import from_seconds, to_seconds
@@ -145,16 +144,13 @@ class Outputs:
             self._inertial[0].publish(self._m_imu)
 
     def compare(self, odometry: bytes) -> None:
-        """Measure the distance of a serialised nav/odom from the truth last
-        published.
-
-        It is for display only, so that not every message of a fast run is decoded."""
+        """Measure the distance of a serialised nav/odom from the truth last published; it is for
+        display only, so that not every message of a fast run is decoded."""
         if (now := time.monotonic()) - self._compared < COMPARE_EVERY:
             return
         self._compared = now
-        point = deserialize_message(odometry, topics.NAV_ODOM.type).pose.pose.position
-        x, y = self._m_odom.numbers[:2].tolist()
-        self._error = math.hypot(point.x - x, point.y - y)
+        found, true = read_odometry(odometry).place, self._m_odom.numbers
+        self._error = math.dist(found[:2], true[:2])
 
     def progress(self, ns: int, elapsed: float) -> dict[str, float]:
         """Return figures of the progress at a stamp, `elapsed` s of wall time after the first

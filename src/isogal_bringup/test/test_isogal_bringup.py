@@ -6,6 +6,6 @@ PARAMS = Path(__file__).parents[1] / "params" / "isogal.yaml"
 
 
 def test_the_parameter_file_is_that_of_the_nodes() -> None:
-    from isogal_ros.parameters.bringup_file import text
+    from isogal_ros.graph.parameter_reference import text
 
-    assert PARAMS.read_text(encoding="utf-8") == text()
+    assert PARAMS.read_text(encoding="utf-8") == text(of_file=True)

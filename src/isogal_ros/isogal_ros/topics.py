@@ -173,11 +173,6 @@ FOOTPRINTS = Topic("altimeter/footprints", PointCloud2)
 """In place of the terrain: its height under each beam (`isogal_ros.messages.altimeter`)."""
 FULL_GRADIENT = Topic("gradiometer/data_raw", PointCloud2)
 GRADIENT = Topic("gradiometer/gradient", PointCloud2)
-OF_INSTRUMENTS = (
-    GRAVIMETRY, GRAVITY, DISTURBANCE, MAGNETIC_FIELD, SCALAR_FIELD, ANOMALY, TERMS, CLEARANCE,
-    TERRAIN, SOUNDINGS, FAN, FOOTPRINTS, FULL_GRADIENT, GRADIENT, GROUND_PRESSURE, GROUND_HEIGHT,
-)  # fmt: skip
-"""Of which a graph has those of its own instrument only."""
 FIX = Topic("pmht_mm/fix", NavSatFix, (UKF_FUSION, INS_SIM), single=False)
 INFORMATION = Topic("pmht_mm/information", PointCloud2, (UKF_FUSION,), single=False)
 """Before each fix: all of it, as `isogal_ros.messages.fix_information` describes."""
@@ -212,12 +207,9 @@ OF_EVERY_GRAPH = (
     NAV_FIX, NAV_ODOM, NAV_COVARIANCE, NAV_PATH, PROTECTION_LEVEL, NAV_AIDS, *TRANSFORMS,
     DIAGNOSTICS,
 )  # fmt: skip
-ALL = (
-    *OF_EVERY_GRAPH, IMU, INS_SOLUTION, INS_SOLUTION_FIX, INS_SOLUTION_VELOCITY, INS_ERROR,
-    BAROMETER, VELOCITY, GNSS_FIX, GNSS_VELOCITY, SMOOTHED, *OF_INSTRUMENTS,
-)  # fmt: skip
+ALL = tuple(one for one in vars().values() if isinstance(one, Topic) and one is not TF_STATIC)
 """Isogal's own; the field of another package brings its topics along
-(`isogal_ros.messages.adapter`)."""
+(`isogal_ros.messages.adapter`). Of those of instruments and aids a graph has its own only."""
 
 
 def topic_named(name: str, of: Iterable[Topic], where: str) -> Topic:

@@ -18,7 +18,7 @@ from isogal.matching.interfaces import Batch, Matcher
 from isogal.matching.map_matching import MapMatching
 from isogal.matching.registry import build_run_matcher
 from isogal.matching.scans import Collected
-from isogal.scenario import Scenario
+from isogal.scenario import Scenario, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
 from isogal_ros.messages.adapter import Adapter, adapter_of
@@ -28,7 +28,7 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.nav_queue import NavSample
 from isogal_ros.nodes.spin import main_of
-from isogal_ros.parameters.values import Values, scenario_from
+from isogal_ros.parameters.values import Values
 from pmht_mm_node.outputs import Outputs
 from pmht_mm_node.scans import Scans
 from pmht_mm_node.verdict import Report
@@ -127,7 +127,7 @@ class PmhtMmNode(GraphNode):
         for name, value in values.items():
             section, _, key = name.partition(".")
             document[section][key] = value
-        scenario = scenario_from(document, self.get_name())
+        scenario = validate_scenario(document, self.get_name())
         if scenario.matcher != self.scenario.matcher:
             self._matching.use(build_run_matcher(scenario))
             self.scenario = scenario

@@ -1,10 +1,8 @@
 """Scans in order of time, from readings and the navigator's states, which arrive separately."""
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from dataclasses import field as dataclass_field
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
@@ -33,8 +31,6 @@ class _Field:
     """Stamp of the newest reading, ns; -1 = none."""
     last: int = -1
     """Stamp of the last scan taken."""
-    pending: deque[tuple[int, Reading]] = dataclass_field(default_factory=deque)
-    """Readings that wait for those of other fields."""
 
     @property
     def due(self) -> int:
@@ -76,7 +72,7 @@ class Scans:
         """Stamp of the last batch end, ns; readings up to it are too late."""
         self.guessed = False
         """Whether the navigator said nothing of the last scan, so that its state is a guess."""
-        self._queue = NavQueue(node, assumed, self._process, self._look)
+        self._queue = NavQueue(node, assumed, self._process, self._look, self._in_turn)
 
     @property
     def last(self) -> tuple[int, ...]:
@@ -95,7 +91,6 @@ class Scans:
         self._queue.begin_anew()
         for field in self._fields:
             field.newest = -1
-            field.pending.clear()
         self.go_on([-1] * len(self._fields))
 
     @property
@@ -111,7 +106,6 @@ class Scans:
     def _look(self) -> None:
         """Say that readings fail to come, by the time of the stamps."""
         self._health.concern("silent", self.silent)
-        self._release()
 
     def before(self, ns: int, field: int = 0) -> int:
         """Return how many scans of a field there have been before the one of a stamp, counted from
@@ -129,34 +123,18 @@ class Scans:
         require_later(ns, self._fields[field].newest)
         self._fields[field].newest = ns
         if ns <= self.ended and field != self._lead:
-            self._release()
             raise BadMessageError("it comes after the end of its batch")
 
     def add(self, ns: int, reading: Reading, field: int = 0) -> None:
         """Take a reading and its variance; NaN = the scan took place and gave nothing."""
-        self._fields[field].pending.append((ns, reading))
-        self._release()
+        rank = len(self._fields) if field == self._lead else field
+        self._queue.put(ns, (field, reading), rank)
 
-    def _release(self) -> None:
-        """Hand on the readings before which none of another field can come any more."""
-        while True:
-            heads = [
-                (field.pending[0][0], k == self._lead, k)
-                for k, field in enumerate(self._fields)
-                if field.pending
-            ]
-            if not heads:
-                return
-            ns, _, k = min(heads)
-            if any(self._may_come(other, ns) for other in self._fields if not other.pending):
-                return
-            _, reading = self._fields[k].pending.popleft()
-            self._queue.put(ns, (k, reading))
-
-    def _may_come(self, field: _Field, ns: int) -> bool:
-        """Whether a field may still give a reading up to a stamp: one is due, and the navigator
-        has not gone on by an interval since."""
-        return field.due <= ns and self._queue.newest < field.due + field.interval
+    def _in_turn(self, ns: int) -> bool:
+        """Whether no field may still give a reading up to a stamp: none is due, or the navigator
+        has gone on by an interval since."""
+        now = self._queue.newest
+        return all(one.due > ns or now >= one.due + one.interval for one in self._fields)
 
     def correct(self, builder: JointBatches, until: int) -> None:
         """Tell a builder of the navigator's jumps before a stamp (ns), and of the gaps in its

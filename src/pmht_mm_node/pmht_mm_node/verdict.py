@@ -60,12 +60,10 @@ class Verdict:
 
     def _count(self, fix: Fix) -> None:
         """Count the fixes since the navigator was found."""
-        if self.found or self._lost:
+        if self.found or self._lost or (self._agreed is not None and self._misfits):
             self._agreed = 0
-        elif self._agreed is not None and not self._misfits:
-            self._agreed += fix.published
         elif self._agreed is not None:
-            self._agreed = 0
+            self._agreed += fix.published
         if self._agreed == AGREED:
             self._agreed = None
 

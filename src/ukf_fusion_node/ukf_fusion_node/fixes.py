@@ -6,14 +6,12 @@ others, and is used only where nobody publishes the information."""
 from collections.abc import Callable
 
 import numpy as np
-from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
+from sensor_msgs.msg import NavSatFix, PointCloud2
 
-from isogal.fix import Fix
 from isogal.fusion.measurements import Innovation, Outcome, measurements_of
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.fix_information import FixMessage, read_fix_information
-from isogal_ros.messages.position import read_covariance, read_position
-from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
+from isogal_ros.messages.fix_information import FixMessage, read_fix, read_fix_information
+from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.topics import FIX, INFORMATION, Message
 from ukf_fusion_node.measuring import Measured
@@ -25,16 +23,6 @@ IMPROBABLE = 23.0
 """Normalised innovation squared that one fix in 100,000 exceeds, two degrees of freedom."""
 LOG_EVERY = 5.0
 """s of wall time between lines about fixes."""
-
-
-def read_fix(message: NavSatFix) -> FixMessage:
-    """Return the fix of a NavSatFix; raises BadMessageError where it cannot be used."""
-    time = to_seconds(to_ns(message.header.stamp))
-    if message.status.status == NavSatStatus.STATUS_NO_FIX:
-        nothing = np.full((2, 2), np.nan)
-        return FixMessage(Fix(time, np.nan, np.nan, nothing, reason="no fix"))
-    latitude, longitude, _ = read_position(message)
-    return FixMessage(Fix(time, latitude, longitude, read_covariance(message)[:2, :2]))
 
 
 class Fixes:

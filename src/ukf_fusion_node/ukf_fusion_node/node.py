@@ -12,7 +12,8 @@ from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.imu import read_imu, require_noise
 from isogal_ros.messages.ins_solution import inertial_topics
-from isogal_ros.messages.stamps import peek_ns, to_ns
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import to_ns
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.spin import main_of
@@ -51,9 +52,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         self._inertial = inertial_topics(self.scenario.ins)[-1]
         if self.scenario.ins.gives_solution:
             preintegrated = self._navigation.model.preintegrated
-            self._solutions = Solutions(
-                self, preintegrated, lambda one: self._hold(to_ns(one.header.stamp), one)
-            )
+            self._solutions = Solutions(self, preintegrated, self._hold)
         else:
             self.listen(topics.IMU, lambda data: self._hold(peek_ns(data), data), raw=True)
         self.listen(topics.INITIAL_POSE, self._take_pose)
@@ -111,7 +110,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
             self._publish()
         if self._navigation.navigator is None:
             self._aids.pass_by(ns)
-        self.health.tick(ns)
+        self.health.stamp = ns
         return self._navigation.navigator is not None
 
     def _take_sample(
@@ -130,7 +129,7 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         if (between := self._navigation.between()) is not None:
             self.outputs.publish_odometry(*between)
         self._navigation.tell_unresolved()
-        self.health.tick(ns)
+        self.health.stamp = ns
 
     def _step(self) -> None:
         """Publish what a step has led to, then use what has waited for its end."""

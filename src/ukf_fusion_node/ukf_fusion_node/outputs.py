@@ -8,7 +8,6 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatStatus
 
 from isogal.arrays import Array
-from isogal.earth.frames import LocalFrame
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.protection_level import protection_level
 from isogal.fusion.state import FilterState
@@ -17,7 +16,7 @@ from isogal.passage import Passage
 from isogal_ros import topics
 from isogal_ros.messages.frames import BASE, MAP, ODOM, framed, map_frame
 from isogal_ros.messages.mounting import Pose, pose_of
-from isogal_ros.messages.odometry import POSE, empty_odometry, fill_odom
+from isogal_ros.messages.odometry import POSE, empty_odometry, fill_state
 from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamped_numbers import fill_nav_covariance
@@ -244,7 +243,7 @@ class Outputs:
 
     def _publish_odometry(self, ns: int, state: FilterState, angular_rate: Array) -> None:
         self.newest = ns
-        _fill(self._m_odom, ns, self._frame, state, angular_rate)
+        fill_state(self._m_odom, ns, self._frame, state, angular_rate)
         self._odom.publish(self._m_odom)
 
 
@@ -280,18 +279,10 @@ class Smoothed:
             return
         states = navigator.smoothed(stamps)
         for stamp, rate, state in zip(each_ns, rates, states, strict=True):
-            _fill(self._message, stamp, self._frame, state, rate)
+            fill_state(self._message, stamp, self._frame, state, rate)
             self._publisher.publish(self._message)
 
     def begin_anew(self) -> None:
         """Publish what comes after a reset, whatever its stamps are."""
         self._reached = -np.inf
         self._stamps.clear()
-
-
-def _fill(
-    message: Prepared, ns: int, frame: LocalFrame, state: FilterState, angular_rate: Array
-) -> None:
-    """Write a state and the angular rate (3,) FRD of the gyroscopes into an Odometry."""
-    nav, turn_rate = np.concatenate(state.estimate), state.turn_rate(angular_rate)
-    fill_odom(message, ns, frame, nav, turn_rate, state.covariance)

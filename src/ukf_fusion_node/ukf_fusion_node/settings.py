@@ -5,12 +5,12 @@ import math
 from pydantic import Field
 
 from isogal_ros.messages.altimeter import ALTIMETER
+from isogal_ros.messages.drivers import Triple
 from isogal_ros.messages.frames import BASE
 from isogal_ros.messages.gravimeter import PLATFORM
 from isogal_ros.messages.magnetometer import MAGNETOMETER
 from isogal_ros.nodes.settings import NodeSettings
 
-Triple = tuple[float, float, float]
 _FROM_SCENARIO = (math.nan, math.nan, math.nan)
 
 

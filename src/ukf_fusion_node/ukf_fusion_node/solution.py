@@ -6,9 +6,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix
-from std_msgs.msg import Header
 
 from isogal.arrays import Array
 from isogal.fusion.state import FilterState
@@ -25,6 +23,7 @@ from isogal_ros.messages.ins_solution import (
     read_position_and_velocity,
     read_solution,
 )
+from isogal_ros.messages.prepared import peek_ns
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from ukf_fusion_node.navigation import Navigation
@@ -39,12 +38,12 @@ WAITING = 1000
 class Joined(NamedTuple):
     """Position and velocity of one stamp."""
 
-    header: Header
     fix: NavSatFix
     twist: TwistWithCovarianceStamped
 
 
-Solution: TypeAlias = Odometry | Joined
+Solution: TypeAlias = bytes | Joined
+"""A serialised Odometry, or what takes its place."""
 Sample = tuple[int, Array, Array, float]
 """Stamp of its end (ns), specific force and angular rate (3,), and its interval, s."""
 
@@ -59,11 +58,11 @@ class Solutions:
     preintegrated : bool
         As the filter's model has it.
     hold : callable
-        Takes each message that is a whole solution, or ends one.
+        Takes stamp (ns) and message of each whole solution.
     """
 
     def __init__(
-        self, node: GraphNode, preintegrated: bool, hold: Callable[[Solution], None]
+        self, node: GraphNode, preintegrated: bool, hold: Callable[[int, Solution], None]
     ) -> None:
         ins = node.scenario.ins
         self._frame, self._hold = map_frame(node.scenario), hold
@@ -74,7 +73,7 @@ class Solutions:
         self._newest = -1
         """Stamp of the newest solution."""
         if ins.attitude:
-            node.listen(topics.INS_SOLUTION, hold)
+            node.listen(topics.INS_SOLUTION, lambda data: hold(peek_ns(data), data), raw=True)
         else:
             node.listen(topics.INS_SOLUTION_FIX, partial(self._take, "fix"))
             node.listen(topics.INS_SOLUTION_VELOCITY, partial(self._take, "twist"))
@@ -85,13 +84,13 @@ class Solutions:
         parts = self._parts.setdefault(ns, {})
         parts[kind] = message
         if len(parts) == 2:
-            self._hold(Joined(message.header, **self._parts.pop(ns)))
+            self._hold(ns, Joined(**self._parts.pop(ns)))
         elif len(self._parts) > WAITING:
             del self._parts[min(self._parts)]
 
     def read(self, message: Solution) -> Array:
         """Return the solution (10,) of a message; raises BadMessageError where it is none."""
-        if isinstance(message, Odometry):
+        if isinstance(message, bytes):
             return read_solution(message, self._frame)
         place, velocity = read_position_and_velocity(message.fix, message.twist)
         last = self.last
@@ -110,7 +109,7 @@ class Solutions:
         ----------
         ns : int
             Stamp of the message.
-        message : Odometry or Joined
+        message : Solution
         navigation : Navigation
             Whose newest stamp the message's must be later than.
 

@@ -21,7 +21,8 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER, RecorderNode
 from isogal_ros.graph.domain import local_context
-from isogal_ros.messages.stamps import from_seconds, peek_ns, set_stamp
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import from_seconds, set_stamp
 from isogal_ros.nodes.health import ERROR, figures_of
 from isogal_ros.nodes.spin import make_executor
 from isogal_ros.parameters.values import node_values

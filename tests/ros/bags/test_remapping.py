@@ -5,6 +5,7 @@ import re
 
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from std_msgs.msg import Float32
 
 from helpers.bag_writing import begin, sample
 from helpers.command_line import answer, refusal
@@ -13,6 +14,7 @@ from isogal.errors import InputError
 from isogal_ros import topics
 from isogal_ros.bags.metadata import qos_entries
 from isogal_ros.bags.reader import BagReader
+from isogal_ros.bags.record import wanted_messages
 from isogal_ros.bags.remapping import Remapping, given_drivers
 
 FOREIGN = {"/imu/data_raw": "/sbg/imu", "/gravimeter/data_raw": "/mgs6/acceleration"}
@@ -71,6 +73,17 @@ def test_one_of_two_sources(tmp_path) -> None:
     reader = BagReader(tmp_path / "bag", remapping=Remapping.parse(["second/imu:=imu/data_raw"]))
     assert [one.data for one in reader.messages()] == [sample(100 + i) for i in range(10)]
     assert {one.topic for one in reader.messages()} == {"/imu/data_raw"}
+
+
+def test_numbers_of_single_precision_are_readings(tmp_path) -> None:
+    """They were once left out as no messages, being so short."""
+    writer, name = begin(tmp_path / "bag"), "/gravimeter/data_raw"
+    writer.add_topic(name, "std_msgs/msg/Float32", qos_entries([topics.LOSSLESS]), "")
+    writer.write(name, serialize_message(Float32(data=9.75)), 5, 5)
+    writer.close()
+    (found,) = wanted_messages(BagReader(tmp_path / "bag"), (topics.GRAVIMETRY,))
+    message = deserialize_message(found[1], topics.GRAVIMETRY.type)
+    assert (message.accel.accel.linear.z, message.header.stamp.nanosec) == (9.75, 5)
 
 
 @pytest.mark.parametrize(

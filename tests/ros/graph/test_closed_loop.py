@@ -27,7 +27,7 @@ from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.running import run_in_process
 from isogal_ros.messages.aids import each_aid
-from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.messages.prepared import peek_ns
 from isogal_ros.nodes.signals import Interrupt
 
 ONE_IN_10000 = 18.4

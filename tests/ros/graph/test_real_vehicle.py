@@ -14,7 +14,8 @@ from isogal.fields.scenario_map import map_for_scenario
 from isogal_ros import topics
 from isogal_ros.bags.record import Places
 from isogal_ros.bags.viewing import viewed_run
-from isogal_ros.messages.stamps import peek_ns, set_stamp
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import set_stamp
 
 SIMULATED = ("/ground_truth/fix", "/ground_truth/odom", "/ins/fix", "/clock")
 BEGIN = 100

@@ -19,7 +19,7 @@ from isogal.scenario import Scenario, validate_scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.plan import Plan, nodes_of
-from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.messages.prepared import peek_ns
 from isogal_ros.security.policy import policy
 
 MGAL = 1e-5

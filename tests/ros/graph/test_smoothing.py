@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message
 from helpers.command_line import answer, refusal
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.messages.stamps import peek_ns
+from isogal_ros.messages.prepared import peek_ns
 
 
 @pytest.fixture(scope="module")

@@ -115,9 +115,6 @@ def test_a_node_gives_memory_back_when_it_is_time(scenario, monkeypatch) -> None
         assert given == [0]
 
 
-S = 10**9
-
-
 class Listener:
     """Keeps level, message, figures and number of statuses of each array."""
 
@@ -136,24 +133,11 @@ def out() -> Listener:
 
 @pytest.fixture
 def health(out) -> Health:
-    return Health("node", out, S, print)
-
-
-def test_once_a_period_of_the_data_or_of_wall_time_where_there_is_a_clock(health, out) -> None:
-    """A simulation at 500 times real time does not say it 500 times a second."""
-    now, by_clock = 100.0, Listener()
-    with_clock = Health("node", by_clock, S, print, clock=lambda: now)
-    for ns in range(0, 5 * S, S // 4):
-        health.tick(ns)
-        with_clock.tick(ns)
-    assert (len(out.arrays), len(by_clock.arrays)) == (5, 1)
-    now += 1.0
-    with_clock.tick(5 * S)
-    assert len(by_clock.arrays) == 2
+    return Health("node", out, print)
 
 
 def test_a_change_is_said_at_once(health, out) -> None:
-    health.tick(0)
+    health.renew()
     health.figures["error"] = 1.25
     for level, message in ((OK, "running"), (OK, "running"), (ERROR, "broken")):
         health.state(level, message)
@@ -172,8 +156,8 @@ def test_drops_are_counted_and_warned_of_for_a_period(health, out) -> None:
     health.drop("imu", "not finite")
     assert len(out.arrays) == 3
     assert out.arrays[-1][:2] == (WARN, "running; dropped imu: not finite")
-    health.tick(S)
+    health.renew()
     assert out.arrays[-1][0] == WARN
-    health.tick(2 * S)
+    health.renew()
     assert out.arrays[-1][:2] == (OK, "running")
     assert out.arrays[-1][2]["dropped imu"] == "51"

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 
 from helpers.node_bench import Bench, bench, stamps
 from isogal.earth.frames import horizontal_difference
@@ -65,12 +66,12 @@ def test_a_solution_there_and_back(scenario) -> None:
     message = topics.INS_SOLUTION.type(child_frame_id=BASE)
     message.header.frame_id = MAP
     fill_odom(message, 7, frame, row, np.zeros(3))
-    found = read_solution(message, frame)
+    found = read_solution(serialize_message(message), frame)
     found[6:] *= np.sign(found[6:] @ row[6:])
     assert found == pytest.approx(row, abs=1e-8)
     message.pose.pose.position.x = math.nan
     with pytest.raises(BadMessageError, match="position is not finite"):
-        read_solution(message, frame)
+        read_solution(serialize_message(message), frame)
 
 
 def test_what_is_wrong_is_the_solution_less_the_state() -> None:

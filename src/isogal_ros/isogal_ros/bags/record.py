@@ -8,14 +8,13 @@ from typing import TypedDict
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import NavSatStatus
 
 from isogal.arrays import Array
 from isogal.cli.errors import note
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs, Texts
 from isogal.evaluation.view.record import Event
-from isogal.fix import Candidates, Status
+from isogal.fix import Candidates, Fix, Status
 from isogal.maps.channels import channels_of
 from isogal.maps.several import RunMap, first_map
 from isogal.maps.tiled_map import ScalarMap
@@ -25,10 +24,11 @@ from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.messages.adapter import Adapter, adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import type_taken
+from isogal_ros.messages.fix_information import read_fix
 from isogal_ros.messages.point import read_candidates
-from isogal_ros.messages.position import read_covariance, read_place, read_position
-from isogal_ros.messages.prepared import Reader, decoded
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
+from isogal_ros.messages.position import read_covariance, read_place
+from isogal_ros.messages.prepared import Reader, decoded, peek_ns
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import Topic, type_name
 
@@ -114,15 +114,12 @@ class Collector:
     def fix_positions(self) -> dict[int, tuple[float, float] | None]:
         """Return latitude and longitude (rad) of each batch's fix by stamp; None where the batch
         gave none."""
-        result: dict[int, tuple[float, float] | None] = {}
-        for ns, data in self.fixes.items():
-            message = deserialize_message(data, topics.FIX.type)
-            if message.status.status == NavSatStatus.STATUS_NO_FIX:
-                result[ns] = None
-            else:
-                latitude, longitude, _ = read_position(message)
-                result[ns] = latitude, longitude
-        return result
+        each = {ns: self.fix(ns) for ns in self.fixes}
+        return {ns: (x.latitude, x.longitude) if x.published else None for ns, x in each.items()}
+
+    def fix(self, ns: int) -> Fix:
+        """Return the fix of a stamp."""
+        return read_fix(deserialize_message(self.fixes[ns], topics.FIX.type)).fix
 
     def _take_diagnostics(self, data: bytes) -> None:
         if _one_that_is_ok(data):
@@ -148,7 +145,7 @@ def _one_that_is_ok(data: bytes) -> bool:
     each takes longer than all else of a recording."""
     content = Reader(data)
     try:
-        content.take("iI")  # the stamp
+        content.stamp()
         content.text()
         (count,) = content.take("I")
         (level,) = content.take("B")
@@ -181,9 +178,8 @@ def wanted_messages(
         if topic is not None:
             kind = reader.types[name]
             try:
-                if len(message.data) < _SHORTEST:
-                    raise BadMessageError("no message")
                 data = reader.entrance.take_serialised(topic, message.data, kind, message.log_ns)
+                peek_ns(data)  # which has to be there
                 _require_whole(topic, data)
             except BadMessageError as error:
                 left_out.setdefault(name, []).append(str(error))
@@ -194,8 +190,6 @@ def wanted_messages(
 
 
 _PLACES = topics.NAV_FIX, topics.TRUTH_FIX, topics.INS_FIX
-_SHORTEST = 12
-"""Bytes of a serialised message that has a stamp and nothing else."""
 _UNCHECKED = topics.IMU, topics.DIAGNOSTICS
 """Topics whose readers look themselves whether messages are whole: there are many."""
 
@@ -221,34 +215,30 @@ class Places:
         self._messages, self._stamps = messages, sorted(messages)
 
     def __contains__(self, ns: int) -> bool:
-        return ns in self._messages or self._around(ns) is not None
+        return bool(self._around(ns))
 
     def at(self, stamps: Sequence[int]) -> Array:
         """Return latitude and longitude (rad) (n, 2) at stamps, linear between messages; NaN where
         there is none on either side."""
-        return np.array([self._at(ns) for ns in stamps]).reshape(-1, 2)
+        found = np.full((len(stamps), 2), np.nan)
+        for row, ns in zip(found, stamps, strict=True):
+            if around := self._around(ns):
+                places = [self._position(stamp) for stamp in around]
+                # also across 180 degrees
+                row[:] = [np.interp(ns, around, np.unwrap(one)) for one in np.transpose(places)]
+        return found
 
     def before(self, ns: int) -> bytes:
         """Return the message of a stamp, or the last one before it."""
         return self._messages[self._stamps[bisect_right(self._stamps, ns) - 1]]
 
-    def _at(self, ns: int) -> tuple[float, float]:
+    def _around(self, ns: int) -> list[int]:
+        """Return the stamps before and after one, or itself; none where they are too far apart."""
         if ns in self._messages:
-            return self._position(ns)
-        if (around := self._around(ns)) is None:
-            return np.nan, np.nan
-        (one, other), share = around, (ns - around[0]) / (around[1] - around[0])
-        here, there = self._position(one), self._position(other)
-        east = (there[1] - here[1] + np.pi) % (2.0 * np.pi) - np.pi  # also across 180 degrees
-        return here[0] + share * (there[0] - here[0]), here[1] + share * east
-
-    def _around(self, ns: int) -> tuple[int, int] | None:
-        """Return the stamps before and after one; None where they are too far apart."""
+            return [ns]
         i = bisect_right(self._stamps, ns)
-        if not 0 < i < len(self._stamps):
-            return None
-        before, after = self._stamps[i - 1 : i + 1]
-        return (before, after) if after - before <= LONGEST_GAP else None
+        both = self._stamps[i - 1 : i + 1] if i > 0 else []
+        return both if len(both) == 2 and both[1] - both[0] <= LONGEST_GAP else []
 
     def _position(self, ns: int) -> tuple[float, float]:
         message = deserialize_message(self._messages[ns], topics.NAV_FIX.type)
@@ -343,15 +333,14 @@ def _fix_record(
     statuses, reasons = [Status.FIX.value] * count, [""] * count
     places, nav = truth.at(ends), last_nav.at(ends)
     for i, ns in enumerate(ends):
-        message = deserialize_message(collector.fixes[ns], topics.FIX.type)
-        if message.status.status == NavSatStatus.STATUS_NO_FIX:
+        fix = collector.fix(ns)
+        if fix.published:
+            error[i] = horizontal_difference(fix.latitude, fix.longitude, *places[i])
+            covariance[i] = fix.covariance
+        else:
             said = collector.batches.get(ns, {})
             reasons[i] = said.get("message") or "not said"
             statuses[i] = said.get("status", Status.DECLINED.value)
-        else:
-            found = read_position(message)
-            error[i] = horizontal_difference(found[0], found[1], *places[i])
-            covariance[i] = read_covariance(message)[:2, :2]
         posterior[i] = horizontal_difference(*nav[i], *places[i])
     posterior_covariance = np.array([_covariance(last_nav.before(ns)) for ns in ends])
     return {

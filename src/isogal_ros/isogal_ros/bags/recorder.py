@@ -18,7 +18,8 @@ from isogal_ros.bags.writer import BagWriter, scenario_text
 from isogal_ros.messages.adapter import topics_in_use
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.ins_solution import inertial_topics
-from isogal_ros.messages.stamps import SECOND, peek_ns
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import SECOND
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK
 from isogal_ros.nodes.settings import NodeSettings
@@ -102,7 +103,7 @@ class RecorderNode(GraphNode[RecorderSettings]):
             except OSError as error:
                 self._failed_to_write(error)
 
-        listening = self.hear(topic, write, raw=True)
+        listening = self.hear(topic, write)
         name = listening.topic_name
 
     def _go_on(self, is_inertial: bool, stamp: int) -> None:

@@ -7,8 +7,8 @@ import re
 import signal
 import tempfile
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import NamedTuple, TypedDict
@@ -71,33 +71,32 @@ class Outcome:
 
 
 class Track(NamedTuple):
-    """The navigator's horizontal error and 1-sigma (N,), m, at times (N,), s."""
+    """The navigator's horizontal error and 1-sigma (N,), m, at times (N,), s; NaN where its state
+    is not finite."""
 
     time: Array
     error: Array
     sigma: Array
-    not_finite: int
 
-    def rms(self, begin: float, end: float) -> float | None:
-        """Return the RMS error between two times (s); None where there is no state."""
-        within = self.error[(self.time > begin) & (self.time <= end)]
-        return float(np.sqrt(np.mean(within**2))) if within.size else None
+    def during(self, begin: float, end: float) -> Array:
+        """Return the errors that are known between two times (s)."""
+        within = (self.time > begin) & (self.time <= end)
+        return self.error[within & np.isfinite(self.error)]
 
 
 def track_of(collector: Collector) -> Track:
     """Return the navigator's error against the recorded truth."""
-    rows, bad = [], 0
-    for ns in sorted(collector.last_nav.keys() & collector.truth.keys()):
+    stamps = sorted(collector.last_nav.keys() & collector.truth.keys())
+    rows = np.full((len(stamps), 3), np.nan)
+    for row, ns in zip(rows, stamps, strict=True):
+        row[0] = to_seconds(ns)
         fix = deserialize_message(collector.last_nav[ns], topics.NAV_FIX.type)
-        if not np.isfinite([fix.latitude, fix.longitude, *fix.position_covariance]).all():
-            bad += 1
-            continue
-        truth = deserialize_message(collector.truth[ns], topics.TRUTH_FIX.type)
-        off = horizontal_difference(*read_position(fix)[:2], *read_position(truth)[:2])
-        sigma = np.sqrt(fix.position_covariance[0] + fix.position_covariance[4])
-        rows.append((to_seconds(ns), float(np.hypot(*off)), float(sigma)))
-    time, error, sigma = np.array(rows).reshape(-1, 3).T
-    return Track(time, error, sigma, bad)
+        if np.isfinite([fix.latitude, fix.longitude, *fix.position_covariance]).all():
+            truth = deserialize_message(collector.truth[ns], topics.TRUTH_FIX.type)
+            off = horizontal_difference(*read_position(fix)[:2], *read_position(truth)[:2])
+            variance = fix.position_covariance[0] + fix.position_covariance[4]
+            row[1:] = np.hypot(*off), np.sqrt(variance)
+    return Track(*rows.T)
 
 
 class Feed:
@@ -148,21 +147,9 @@ class Feed:
         return Player(replace(self.recorded, scenario=self.scenario), own, {})
 
 
-@contextmanager
-def _limited() -> Iterator[None]:
-    """Raise SystemExit, which no node takes for what is wrong with a message, where the block
-    lasts for `LIMIT`; in the main thread."""
-
-    def end(*_: object) -> None:
-        raise SystemExit(f"nothing came within {LIMIT:g} s")
-
-    before = signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, LIMIT)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+def _hang(*_: object) -> None:
+    """End a trial, by what no node takes for something wrong with a message."""
+    raise SystemExit(f"nothing came within {LIMIT:g} s")
 
 
 def run_trial(feed: Feed, fault: Fault) -> Outcome:
@@ -179,13 +166,17 @@ def run_trial(feed: Feed, fault: Fault) -> Outcome:
         with player.bus:
             player.play(begin - 1e-9)
             known = len(player.reports)
+            before = signal.signal(signal.SIGALRM, _hang)
+            signal.setitimer(signal.ITIMER_REAL, LIMIT)
             try:
-                with _limited():
-                    _play(player, fault, begin, until, rng)
+                _play(player, fault, begin, until, rng)
             except (Exception, SystemExit):
                 errors.append(traceback.format_exc(limit=-3))
+            finally:
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+                signal.signal(signal.SIGALRM, before)
     track = track_of(player.collector)
-    during = track.error[(track.time >= begin) & (track.time <= begin + fault.lasts + 1.0)]
+    during = track.during(begin - 1e-9, begin + fault.lasts + 1.0)
     new = (one for one in player.reports[known:] if without_numbers(one[1]) not in feed.reports)
     first, text = next(new, (None, None))
     errors += [without_numbers(one) for one in player.bus.errors if UNEXPECTED.search(one)]
@@ -198,12 +189,12 @@ def run_trial(feed: Feed, fault: Fault) -> Outcome:
         fault.name,
         feed.run,
         list(dict.fromkeys(errors)),
-        track.not_finite,
+        int(np.isnan(track.error).sum()),
         None if first is None else max(first - begin, 0.0),
         text,
         float(during.max(initial=0.0)),
-        track.rms(after, until),
-        feed.track.rms(after, until),
+        _rms(track.during(after, until)),
+        _rms(feed.track.during(after, until)),
         sum(to_seconds(ns) <= until for ns in lost),
     )
 
@@ -410,9 +401,9 @@ def _row(fault: Fault, outcomes: Sequence[Outcome], limit: float) -> Row:
 
 
 def _rms(values: Iterable[float | None]) -> float | None:
-    """Return the root mean square; None where a value is missing."""
+    """Return the root mean square; None where a value is missing, or all are."""
     found = np.array(list(values), dtype=float)
-    return None if np.isnan(found).any() else float(np.sqrt(np.mean(found**2)))
+    return float(np.sqrt(np.mean(found**2))) if found.size and np.isfinite(found).all() else None
 
 
 def page_of(table: Table) -> str:
@@ -425,9 +416,9 @@ def page_of(table: Table) -> str:
         numbers = [row["reported_after_s"], row["error_during_m"]]
         numbers += [row["error_after_m"], row["error_without_m"]]
         reported = f"{row['reported']}" if row["matters"] else f"({row['reported']})"
-        cells = [row["fault"], str(row["trials"]), reported]
+        cells = [row["fault"], f"{row['trials']}", reported]
         cells += ["–" if number is None else f"{number:.0f}" for number in numbers]
-        cells += ["–" if row["ratio"] is None else f"{row['ratio']:.2f}", str(row["lost"])]
+        cells += ["–" if row["ratio"] is None else f"{row['ratio']:.2f}", f"{row['lost']}"]
         passed = f"**no**: {'; '.join(row['failures'])}" if row["failures"] else "yes"
         lines.append(f"| {' | '.join(cells)} | {passed} |")
     return "\n".join(lines) + "\n"

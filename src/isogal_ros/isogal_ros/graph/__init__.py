@@ -12,4 +12,4 @@ player         what does a replay need of a bag, and how is it played to fresh n
 replay         how do their fixes differ from the recorded ones, and what was used?
 watching       how is a run shown that goes on?
 commands       what do ``isogal run``, ``isogal replay`` and ``isogal faults`` print and return?
-parameter_reference  which parameters have all nodes? (docs/parameters.md)"""
+parameter_reference  which parameters have all nodes? (docs/parameters.md, the bringup file)"""

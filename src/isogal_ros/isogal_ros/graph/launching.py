@@ -19,7 +19,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, f
 
 from isogal.errors import InputError
 from isogal.files import check_output
-from isogal.scenario import Scenario
+from isogal.scenario import Scenario, validated
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.bags.remapping import Remapping
@@ -34,7 +34,6 @@ from isogal_ros.graph.parameter_files import (
 from isogal_ros.graph.plan import CLASSES, Plan, checked, node_class
 from isogal_ros.nodes.signals import INTERRUPTED
 from isogal_ros.parameters.from_model import parameter_specs
-from isogal_ros.parameters.values import settings_from
 
 _NAMESPACE = re.compile(r"/?([A-Za-z]\w*)(/[A-Za-z]\w*)*")
 _ENDED_WHEN_ASKED = (0, INTERRUPTED, -signal.SIGINT, -signal.SIGTERM)
@@ -204,7 +203,7 @@ def check(values: Mapping[str, str], words: Sequence[str], file: str) -> Launche
     own = words[names.index(file) :] if file in names else ()
     assigned = (word.partition(":=") for word in own)
     others = {name: "" for name, equals, _ in assigned if equals and name not in values}
-    arguments = settings_from(Arguments, {**values, **others}, file)
+    arguments = validated(Arguments, {**values, **others}, where=f"{file}: ")
     keys, _ = arguments.keys, arguments.remappings
     if arguments.recorder:
         if not arguments.bag:

@@ -10,7 +10,7 @@ from rcl_interfaces.msg import ParameterType
 
 from isogal.errors import InputError, nearest
 from isogal.files import reading
-from isogal.scenario import Scenario
+from isogal.scenario import Scenario, validate_scenario, validated
 from isogal.yaml_text import parse_yaml
 from isogal_ros import topics
 from isogal_ros.graph.plan import node_class
@@ -18,7 +18,7 @@ from isogal_ros.nodes.base import KEYS
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.parameters.declaration import OF_RCLPY, fields_of, known_values
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
-from isogal_ros.parameters.values import scenario_from, settings_from
+from isogal_ros.parameters.values import nested
 
 Document = dict[str, dict[str, JsonValue]]
 """Parameters by the pattern of the nodes' names."""
@@ -69,7 +69,7 @@ def scenario_of(
         found = fields_of(known_values(own, specs), specs)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-    return scenario_from(found, where)
+    return validate_scenario(nested(found), where)
 
 
 def full_name(namespace: str, name: str) -> str:
@@ -119,7 +119,7 @@ def filter_parameters(texts: Sequence[str]) -> dict[str, JsonValue]:
     own = [s for s in parameter_specs(model) if s.name not in NodeSettings.model_fields]
     what = f"parameter of {topics.UKF_FUSION}"
     found = given_parameters("--parameter", "NAME=VALUE", texts, own, what)
-    settings_from(model, found, "--parameter")
+    validated(model, nested(found), where="--parameter: ")
     return found
 
 

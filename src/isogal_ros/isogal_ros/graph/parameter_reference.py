@@ -1,21 +1,36 @@
-"""The reference of all parameters, made from their descriptors.
+"""All parameters, made from their descriptors: the page of the documentation, and the parameter
+file of the bringup package with every scenario key, its default, unit and limits.
 
-``python -m isogal_ros.graph.parameter_reference > docs/parameters.md`` writes it anew after a
-change of the scenario model or of a node's own parameters."""
+After a change of the scenario model or of a node's own parameters, these write them anew::
 
+    python -m isogal_ros.graph.parameter_reference > docs/parameters.md
+    python -m isogal_ros.graph.parameter_reference yaml > src/isogal_bringup/params/isogal.yaml"""
+
+import sys
+import textwrap
 from collections.abc import Iterable, Iterator
 
 import yaml
+from pydantic import JsonValue
 
 from isogal.cli.errors import clean_errors
 from isogal.scenario import Scenario
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.plan import node_class
 from isogal_ros.mavlink.node import MAVLINK
-from isogal_ros.parameters.bringup_file import comment
-from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
+from isogal_ros.parameters.from_model import ParameterSpec, limits, parameter_specs
 from isogal_ros.topics import NODES
 
+WIDTH = 99
+"""Columns of the file."""
+FILE_HEAD = """\
+# Parameters of all nodes of the graph: the keys of a scenario (the same as in a scenario file of
+# `isogal run`), with their defaults. Made by
+# `python -m isogal_ros.graph.parameter_reference yaml`.
+# A node's own parameters (`ros2 param list`) go under its name, for example
+#   /**/ins_sim_node: {ros__parameters: {rate: 0.0}}
+/**:
+  ros__parameters:"""
 HEAD = """\
 # Parameters
 
@@ -28,6 +43,28 @@ TYPES = {
     9: "texts",
 }  # fmt: skip
 """By the numbers of rcl_interfaces/msg/ParameterType."""
+
+
+def file_lines() -> Iterator[str]:
+    """Yield the lines of the parameter file."""
+    yield FILE_HEAD
+    section = ""
+    for spec in parameter_specs(Scenario):
+        parent, _, key = spec.name.rpartition(".")
+        if parent != section:
+            section = parent
+            yield from [f"    {parent}:"] if parent else []
+        indent = " " * (6 if parent else 4)
+        value = f"{indent}{key}: {yaml_of(spec.default, 80)}"
+        line = f"{value}  # {comment(spec)}"
+        if len(line) <= WIDTH:
+            yield line
+        else:
+            start = f"{indent}# "
+            yield from textwrap.wrap(
+                comment(spec), WIDTH, initial_indent=start, subsequent_indent=start
+            )
+            yield value
 
 
 def lines() -> Iterator[str]:
@@ -56,32 +93,41 @@ def top_of(spec: ParameterSpec) -> str:
     return spec.name.partition(".")[0]
 
 
+def yaml_of(value: JsonValue, width: int) -> str:
+    """Return a default in one line."""
+    return yaml.safe_dump(value, default_flow_style=True, width=width).splitlines()[0]
+
+
+def comment(spec: ParameterSpec) -> str:
+    """Return what a parameter is, its limits and what stands for null."""
+    ends, constraints = limits(spec.descriptor), spec.descriptor.additional_constraints
+    parts = [spec.descriptor.description or "see docs", ends]
+    if constraints not in ends:
+        parts.append(constraints)
+    return "; ".join(part for part in parts if part)
+
+
 def table(specs: Iterable[ParameterSpec]) -> Iterator[str]:
     """Yield the rows of a table of parameters."""
     yield "| parameter | type | default | |"
     yield "|---|---|---|---|"
     for spec in specs:
         descriptor = spec.descriptor
-        default = yaml.safe_dump(spec.default, default_flow_style=True, width=1000)
-        default = default.splitlines()[0].replace("|", "\\|")
+        default = yaml_of(spec.default, 1000).replace("|", "\\|")
         kind = "any" if descriptor.dynamic_typing else TYPES.get(descriptor.type, "any")
-        yield f"| `{spec.name}` | {kind} | `{default}` | {escaped(comment(spec))} |"
+        about = comment(spec).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
+        yield f"| `{spec.name}` | {kind} | `{default}` | {about} |"
 
 
-def escaped(about: str) -> str:
-    """Return a text for a cell."""
-    return about.replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
-
-
-def text() -> str:
-    """Return the whole page."""
-    return "\n".join(lines()) + "\n"
+def text(of_file: bool = False) -> str:
+    """Return the whole page, or the whole file."""
+    return "\n".join(file_lines() if of_file else lines()) + "\n"
 
 
 @clean_errors
 def main() -> None:
-    """Print the whole page."""
-    print(text(), end="", flush=True)
+    """Print the page, or the file where the command line says ``yaml``."""
+    print(text("yaml" in sys.argv[1:]), end="", flush=True)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,8 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
 from isogal_ros.messages.ins_solution import inertial_topics
 from isogal_ros.messages.mounting import mounted
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_seconds
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_queue import moved, read_nav
 from isogal_ros.topics import Topic

@@ -18,7 +18,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader, topic_of
 from isogal_ros.bags.record import Collector
 from isogal_ros.graph.player import LATE, Player, Recorded, load
-from isogal_ros.graph.running import Progress, Report, no_report
+from isogal_ros.graph.running import Progress, Report
 from isogal_ros.messages.aids import each_aid
 from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
@@ -72,7 +72,7 @@ class Replay:
 def replay(
     reader: BagReader,
     interrupt: Interrupt,
-    report: Report = no_report,
+    report: Report = lambda _: None,
     scenario: Scenario | None = None,
     parameters: Mapping[str, JsonValue] | None = None,
 ) -> Replay:

@@ -67,10 +67,6 @@ Report = Callable[[Progress], None]
 """Takes the progress, again and again."""
 
 
-def no_report(_progress: Progress) -> None:
-    """Report nothing."""
-
-
 def progress_of(figures: Mapping[str, object]) -> Progress | None:
     """Return the progress that ins_sim_node's figures tell; None before the first step."""
     if "simulated" not in figures:
@@ -79,7 +75,7 @@ def progress_of(figures: Mapping[str, object]) -> Progress | None:
     return Progress(*(float(str(figures[name])) for name in names))
 
 
-def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = no_report) -> float:
+def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = lambda _: None) -> float:
     """Run the graph on a bus until the route's end, or until interrupted; return the wall time (s)
     from the first step to the last.
 
@@ -254,7 +250,7 @@ def run_processes(
     plan: Plan,
     folder: Path,
     interrupt: Interrupt,
-    report: Report = no_report,
+    report: Report = lambda _: None,
     announce: Callable[[int], None] | None = None,
 ) -> float:
     """Run the graph as processes until the route's end, or until interrupted; return the wall time

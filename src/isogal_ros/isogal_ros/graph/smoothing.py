@@ -17,7 +17,6 @@ from isogal.evaluation.consistency import nees_per_axis
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.smoothed_track import SmoothedTrack
-from isogal.maps.channels import RouteMap
 from isogal.maps.several import each_map
 from isogal.mcap_files import parts
 from isogal.scenario import Scenario
@@ -30,8 +29,9 @@ from isogal_ros.graph.replay import Replay
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import map_frame
-from isogal_ros.messages.odometry import empty_odometry, fill_odom
-from isogal_ros.messages.stamps import among, peek_ns, to_seconds
+from isogal_ros.messages.odometry import empty_odometry, fill_state
+from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.messages.stamps import among, to_seconds
 
 WHOLE = {"horizon": 1e8}
 """Parameters of a filter whose history goes back three years, s."""
@@ -70,7 +70,7 @@ def smoothed_bag(reader: BagReader, played: Replay) -> SmoothedBag:
         navigator,
         stamps,
         played.scenario,
-        _maps(played.scenario),
+        each_map(maps_for_scenario(played.scenario, build_trajectory(played.scenario))),
         _sensed(reader, played.scenario),
         _figures(played.outputs),
     )
@@ -78,31 +78,18 @@ def smoothed_bag(reader: BagReader, played: Replay) -> SmoothedBag:
     return SmoothedBag(track, rates, _errors(track, navigator, played.outputs))
 
 
-def _maps(scenario: Scenario) -> Sequence[RouteMap]:
-    return each_map(maps_for_scenario(scenario, build_trajectory(scenario)))
-
-
 def _sensed(reader: BagReader, scenario: Scenario) -> list[Sensed | None]:
     """Return what the instruments of a scenario's fields sensed, by the bag; None where that is
     not there as numbers of one channel, or has to be compensated first."""
-    adapters = [adapter_of(one) for one in scenario.each_field]
-    found: dict[topics.Topic, dict[float, float]] = {one.raw: {} for one in adapters}
-    found.pop(topics.MAGNETIC_FIELD, None)
-    reads = {one.raw: one.read_raw for one in adapters}
-    for topic, data in wanted_messages(reader, tuple(found)):
+    adapters = {one.raw: one for one in map(adapter_of, scenario.each_field)}
+    found: dict[topics.Topic, dict[float, float]] = {topic: {} for topic in adapters}
+    for topic, data in wanted_messages(reader, tuple(adapters.keys() - {topics.MAGNETIC_FIELD})):
         with suppress(BadMessageError):
-            sensed, _ = reads[topic](deserialize_message(data, topic.type))
+            sensed, _ = adapters[topic].read_raw(deserialize_message(data, topic.type))
             if np.ndim(sensed) == 0:
                 found[topic][to_seconds(peek_ns(data))] = float(sensed)
-    each: list[Sensed | None] = []
-    for one in adapters:
-        readings = found.get(one.raw)
-        if not readings:
-            each.append(None)
-            continue
-        time = np.array(sorted(readings))
-        each.append(Sensed(time, np.array([readings[stamp] for stamp in time.tolist()])))
-    return each
+    in_order = (np.array(sorted(one.items())).T for one in found.values())
+    return [Sensed(*one) if len(one) else None for one in in_order]
 
 
 def _figures(outputs: Collector) -> dict[str, float]:
@@ -158,8 +145,7 @@ def write_bag(found: SmoothedBag, played: Replay, folder: Path) -> None:
     try:
         stamps = _stamps(found.track, played.outputs)
         for ns, state, rate in zip(stamps, found.track.states, found.rates, strict=True):
-            nav = np.concatenate(state.estimate)
-            fill_odom(message, ns, frame, nav, state.turn_rate(rate), state.covariance)
+            fill_state(message, ns, frame, state, rate)
             writer.put(topics.SMOOTHED, message, ns)
     finally:
         writer.close()

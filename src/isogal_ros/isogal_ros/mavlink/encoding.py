@@ -5,20 +5,19 @@ import math
 from typing import Any
 
 import numpy as np
-from nav_msgs.msg import Odometry
 
+from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal.inertial.rotations import matrix, to_angles
 from isogal_ros.messages.checks import (
     BadMessageError,
     require_covariance,
     require_frame,
-    unit_quaternion,
+    require_unit,
 )
 from isogal_ros.messages.frames import FRD_FLU, MAP, NED_ENU
-from isogal_ros.messages.odometry import motion_of, read_velocity
-from isogal_ros.messages.position import read_pose
-from isogal_ros.messages.stamps import to_ns
+from isogal_ros.messages.odometry import Received, read_velocity
+from isogal_ros.messages.position import read_point, to_ned
 
 GPS_INPUT, VISION = "GPS_INPUT", "VISION_POSITION_ESTIMATE"
 SENSOR = "GLOBAL_POSITION_SENSOR"
@@ -33,18 +32,24 @@ measurement), HDOP, VDOP, vertical velocity, vertical accuracy."""
 _UPPER = np.triu_indices(6)
 
 
-def require_usable(odometry: Odometry) -> None:
+def require_usable(odometry: Received) -> None:
     """Raise BadMessageError unless an Odometry has a pose that an autopilot may have: of the frame
     ``map``, finite, with a covariance."""
-    require_frame(odometry, MAP)
-    place = odometry.pose.pose.position
-    if not np.isfinite([place.x, place.y, place.z]).all():
+    require_frame(odometry.frame, MAP)
+    if not np.isfinite(odometry.place).all():
         raise BadMessageError("position is not finite")
-    unit_quaternion(odometry.pose.pose.orientation)
-    require_covariance(np.reshape(odometry.pose.covariance, (6, 6)))
+    require_unit(odometry.orientation, "orientation")
+    require_covariance(odometry.of_pose)
 
 
-def gps_input(dialect: Any, odometry: Odometry, frame: LocalFrame, satellites: int) -> Any:
+def _position(odometry: Received, frame: LocalFrame) -> tuple[Array, Array]:
+    """Return latitude, longitude (rad) and height (m) as (3,), and its covariance (3, 3) NED."""
+    place = read_point(odometry.place, frame)
+    turn = to_ned(place, frame)
+    return place, turn @ odometry.of_pose[:3, :3] @ turn.T
+
+
+def gps_input(dialect: Any, odometry: Received, frame: LocalFrame, satellites: int) -> Any:
     """Return GPS_INPUT of an Odometry in the frame ``map``.
 
     The horizontal accuracy is the 1-sigma along the worst direction, the accuracy of the speed
@@ -57,11 +62,10 @@ def gps_input(dialect: Any, odometry: Odometry, frame: LocalFrame, satellites: i
     satellites : int
         As many as the flight controller wants to see.
     """
-    (latitude, longitude, height), covariance, to_ned = read_pose(odometry, frame)
-    of_position = to_ned @ covariance[:3, :3] @ to_ned.T
-    velocity, of_velocity, _ = read_velocity(motion_of(odometry), frame, latitude, longitude)
+    (latitude, longitude, height), of_position = _position(odometry, frame)
+    velocity, of_velocity, _ = read_velocity(odometry, frame, latitude, longitude)
     return dialect.MAVLink_gps_input_message(
-        to_ns(odometry.header.stamp) // 1000,
+        odometry.ns // 1000,
         0,  # gps_id
         IGNORED,
         0,  # time_week_ms
@@ -80,7 +84,7 @@ def gps_input(dialect: Any, odometry: Odometry, frame: LocalFrame, satellites: i
     )
 
 
-def global_position_sensor(dialect: Any, odometry: Odometry, frame: LocalFrame, field: str) -> Any:
+def global_position_sensor(dialect: Any, odometry: Received, frame: LocalFrame, field: str) -> Any:
     """Return GLOBAL_POSITION_SENSOR of an Odometry in the frame ``map``, to all systems, with the
     1-sigma along the worst horizontal direction and that of the height.
 
@@ -91,14 +95,13 @@ def global_position_sensor(dialect: Any, odometry: Odometry, frame: LocalFrame, 
     field : str
         That is matched, which says the source.
     """
-    (latitude, longitude, height), of_pose, to_ned = read_pose(odometry, frame)
-    covariance = to_ned @ of_pose[:3, :3] @ to_ned.T
+    (latitude, longitude, height), covariance = _position(odometry, frame)
     source = getattr(dialect, f"GLOBAL_POSITION_SRC_{_SOURCES.get(field, 'ESTIMATOR')}")
     return dialect.MAVLink_global_position_sensor_message(
         0,  # target_system
         0,  # target_component
         0,  # id
-        to_ns(odometry.header.stamp) // 1000,
+        odometry.ns // 1000,
         0,  # processing_time: the stamp is that of the state
         source,
         0,  # flags
@@ -111,7 +114,7 @@ def global_position_sensor(dialect: Any, odometry: Odometry, frame: LocalFrame, 
     )
 
 
-def vision_position_estimate(dialect: Any, odometry: Odometry, resets: int) -> Any:
+def vision_position_estimate(dialect: Any, odometry: Received, resets: int) -> Any:
     """Return VISION_POSITION_ESTIMATE of an Odometry in the frame ``map``: north, east, down from
     the first route point; the covariance of the attitude is about these axes.
 
@@ -122,21 +125,18 @@ def vision_position_estimate(dialect: Any, odometry: Odometry, resets: int) -> A
     resets : int
         How often the position has jumped.
     """
-    pose = odometry.pose.pose
-    q = np.array([pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z])
-    ned = NED_ENU @ np.array([pose.position.x, pose.position.y, pose.position.z])
-    angles = to_angles(NED_ENU @ matrix(q) * FRD_FLU)
+    angles = to_angles(NED_ENU @ matrix(odometry.orientation) * FRD_FLU)
     axes = np.kron(np.eye(2), NED_ENU)
-    covariance = axes @ np.reshape(odometry.pose.covariance, (6, 6)) @ axes.T
+    covariance = axes @ odometry.of_pose @ axes.T
     return dialect.MAVLink_vision_position_estimate_message(
-        to_ns(odometry.header.stamp) // 1000,
-        *ned.tolist(),
+        odometry.ns // 1000,
+        *(NED_ENU @ odometry.place).tolist(),
         *angles,
         covariance[_UPPER].tolist(),
         resets % 256,
     )
 
 
-def _worst(covariance: np.ndarray) -> float:
+def _worst(covariance: Array) -> float:
     """Return the 1-sigma along the worst direction of a covariance (2, 2)."""
     return float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))

@@ -7,7 +7,6 @@ from types import ModuleType
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry
 from pydantic import Field
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
@@ -28,6 +27,7 @@ from isogal_ros.mavlink.encoding import (
 )
 from isogal_ros.messages.fix_information import read_fix_information
 from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.odometry import read_odometry
 from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.health import OK, WARN, figures_of
@@ -141,7 +141,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         self.listen(topics.INFORMATION, self._take_information)
         self.listen(topics.DIAGNOSTICS, self._take_diagnostics)
         self.listen(topics.NAV_FIX, self._take_fix)
-        self.listen(topics.NAV_ODOM, self._take_odometry)
+        self.listen(topics.NAV_ODOM, self._take_odometry, raw=True)
         self._heard = self.monotonic()
         self.watch("without the navigator", self._unheard)
 
@@ -166,24 +166,24 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         aligned = message.status.status != NavSatStatus.STATUS_NO_FIX
         self._silence.fix(to_ns(message.header.stamp), aligned)
 
-    def _take_odometry(self, message: Odometry) -> None:
-        ns = to_ns(message.header.stamp)
+    def _take_odometry(self, data: bytes) -> None:
+        odometry = read_odometry(data)
         self._heard = self.monotonic()
-        self.health.tick(ns)
+        self.health.stamp = odometry.ns
         if (why := self._silence.why) is not None:
             self.health.state(WARN, f"silent: {why}")
             return
-        require_usable(message)
-        if not self._pace.takes(ns):
+        require_usable(odometry)
+        if not self._pace.takes(odometry.ns):
             return
         own = self.settings
         if own.message == GPS_INPUT:
-            made = gps_input(self._dialect, message, self._frame, own.satellites)
+            made = gps_input(self._dialect, odometry, self._frame, own.satellites)
         elif own.message != VISION:
             field = self.scenario.measured_field
-            made = global_position_sensor(self._dialect, message, self._frame, field)
+            made = global_position_sensor(self._dialect, odometry, self._frame, field)
         else:
-            made = vision_position_estimate(self._dialect, message, self._silence.resets)
+            made = vision_position_estimate(self._dialect, odometry, self._silence.resets)
         self._send(made)
         self.health.count("sent")
         self.health.state(OK, "sending")

@@ -213,7 +213,8 @@ class Entrance:
     Raises
     ------
     InputError
-        An entry names no topic that sensors publish, or no unit of it.
+        An entry names no topic that sensors publish, or no unit of it, or asks for what is not
+        done with its messages.
     """
 
     drivers: Mapping[str, Driver] = field(default_factory=dict)
@@ -226,15 +227,10 @@ class Entrance:
             topic = topics.topic_named(name, known, "drivers")
             if driver.from_tf and not driver.frame:
                 raise InputError(f"drivers.{name}.from_tf: needs `frame`, which is looked up")
-            units = _form(topic).units
-            if driver.unit and driver.unit not in units:
-                allowed = f"one of {', '.join(units)}" if units else "empty"
+            form = _form(topic)
+            if driver.unit and driver.unit not in form.units:
+                allowed = f"one of {', '.join(form.units)}" if form.units else "empty"
                 raise InputError(f"drivers.{name}.unit: must be {allowed}, not {driver.unit!r}")
-
-    def require_effect(self) -> None:
-        """Raise InputError where an entry asks for what is not done with messages of its topic."""
-        for name, driver in self.drivers.items():
-            form = _form(topics.topic_named(name, topics.ALL, "drivers"))
             if driver.frame and driver == Driver(frame=driver.frame) and form.frame is None:
                 raise InputError(
                     f"drivers.{name}.frame: has no effect, messages of any frame are taken;"

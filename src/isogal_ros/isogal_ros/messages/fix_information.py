@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES, Estimate
@@ -29,6 +29,7 @@ from isogal_ros.messages.checks import (
 )
 from isogal_ros.messages.frames import BASE
 from isogal_ros.messages.point import fill_point, number, numbers, read_point
+from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import to_ns, to_seconds
 
 
@@ -96,6 +97,17 @@ def read_fix_information(message: PointCloud2) -> FixMessage:
         map_error=_map_error(values) if "map_error" in values else None,
     )
     return FixMessage(fix, _estimate(values) if "from_position" in values else None)
+
+
+def read_fix(message: NavSatFix) -> FixMessage:
+    """Return the fix of a message on ``pmht_mm/fix``; raises BadMessageError where it cannot be
+    used."""
+    time = to_seconds(to_ns(message.header.stamp))
+    if message.status.status == NavSatStatus.STATUS_NO_FIX:
+        nothing = np.full((2, 2), np.nan)
+        return FixMessage(Fix(time, math.nan, math.nan, nothing, reason="no fix"))
+    latitude, longitude, _ = read_position(message)
+    return FixMessage(Fix(time, latitude, longitude, read_covariance(message)[:2, :2]))
 
 
 def _flag(values: Mapping[str, Array], name: str) -> bool:

@@ -54,7 +54,7 @@ def read_imu(data: bytes, frame: str = BASE) -> tuple[Array, Array, Array | None
         specific force or angular rate.
     """
     content = Reader(data)
-    content.take("iI")  # the stamp
+    content.stamp()
     require_frame(content.text(), frame, "imu_frame")
     numbers = content.take("37d")
     force, rate = numbers[_FORCE], numbers[_RATE]

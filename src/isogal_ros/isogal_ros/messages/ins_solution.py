@@ -29,7 +29,7 @@ from isogal_ros.messages.odometry import (
     FASTEST,
     empty_odometry,
     fill_odom,
-    motion_of,
+    read_odometry,
     read_velocity,
 )
 from isogal_ros.messages.position import fill_fix, read_point, read_position
@@ -82,9 +82,9 @@ class SolutionMessages:
         return self._messages
 
 
-def read_solution(message: Odometry, frame: LocalFrame) -> Array:
+def read_solution(data: bytes, frame: LocalFrame) -> Array:
     """Return (10,) latitude rad, longitude rad, height m, velocity NED m/s, quaternion FRD to
-    NED.
+    NED, of a serialised Odometry.
 
     Raises
     ------
@@ -92,8 +92,9 @@ def read_solution(message: Odometry, frame: LocalFrame) -> Array:
         The message is of other frames or not finite, of no place on the Earth, or its orientation
         is not a unit quaternion.
     """
-    latitude, longitude, height = read_point(message.pose.pose.position, frame).tolist()
-    velocity, _, attitude = read_velocity(motion_of(message), frame, latitude, longitude)
+    said = read_odometry(data)
+    latitude, longitude, height = read_point(said.place, frame).tolist()
+    velocity, _, attitude = read_velocity(said, frame, latitude, longitude)
     if abs(height) > HIGHEST:
         raise BadMessageError(f"height of {height:.0f} m: is the pose in the frame 'map'?")
     return np.array([latitude, longitude, height, *velocity, *from_matrix(attitude)])

@@ -59,7 +59,7 @@ def read_transforms(data: bytes) -> dict[str, Link]:
     try:
         (count,) = content.take("I")
         for _ in range(int(count)):
-            content.take("iI")  # the stamp
+            content.stamp()
             parent, child = content.text(), content.text()
             numbers = np.array(content.take("7d"))
             turn = np.roll(numbers[3:], 1)  # w first
@@ -106,7 +106,6 @@ def placed(entrance: Entrance, look: Callable[[Callable[[Tree], bool]], Tree]) -
     InputError
         An entry's frame is not connected with that of the vehicle; or an entry has no effect.
     """
-    entrance.require_effect()
     asking = {name: one for name, one in entrance.drivers.items() if one.from_tf}
     if not asking:
         return entrance
@@ -133,9 +132,7 @@ def placed(entrance: Entrance, look: Callable[[Callable[[Tree], bool]], Tree]) -
             "translation": one.translation or tuple(pose[:3, 3].tolist()),
         }
         found[name] = one.model_copy(update=update)
-    made = replace(entrance, drivers={**entrance.drivers, **found})
-    made.require_effect()
-    return made
+    return replace(entrance, drivers={**entrance.drivers, **found})
 
 
 def mounted(scenario: Scenario, drivers: Mapping[str, Driver]) -> Scenario:

@@ -10,6 +10,7 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import E2, A
 from isogal.earth.frames import LocalFrame
+from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import from_matrix, matrix, rotate
 from isogal_ros.messages.checks import (
     BadMessageError,
@@ -18,7 +19,7 @@ from isogal_ros.messages.checks import (
     require_unit,
 )
 from isogal_ros.messages.frames import BASE, FRD_FLU, MAP, NED_ENU, framed
-from isogal_ros.messages.prepared import Prepared, Reader, numbers_of, write
+from isogal_ros.messages.prepared import Prepared, Reader, write
 from isogal_ros.topics import Topic
 
 FASTEST = 1e6
@@ -63,6 +64,23 @@ def fill_odom(
     numbers = np.zeros(_NUMBERS)
     _write_state(numbers, frame.axes, frame.origin, state, angular_rate, covariance)
     write(message, ns, numbers)
+
+
+def fill_state(
+    message: Prepared, ns: int, frame: LocalFrame, state: FilterState, angular_rate: Array
+) -> None:
+    """Write a state of the filter into an Odometry message.
+
+    Parameters
+    ----------
+    frame : LocalFrame
+        The frame ``map``.
+    state : FilterState
+    angular_rate : (3,) array
+        Of the gyroscopes, FRD, rad/s.
+    """
+    nav, turn_rate = np.concatenate(state.estimate), state.turn_rate(angular_rate)
+    fill_odom(message, ns, frame, nav, turn_rate, state.covariance)
 
 
 @kernel
@@ -126,39 +144,40 @@ def _write_state(
                 _turn(numbers, _POSE + 18 * i + 3 * j, to_map, covariance, 6 * i, 6 * j)
 
 
-class Motion(NamedTuple):
-    """What an Odometry says of the motion; nothing of it has been looked at."""
+class Received(NamedTuple):
+    """What an Odometry says of the child in the frame; nothing of it has been looked at."""
 
+    ns: int
+    """Stamp."""
     frame: str
     child: str
+    place: Array
+    """(3,) m."""
     orientation: Array
-    """(4,) w, x, y, z, of the child in the frame."""
+    """(4,) w, x, y, z."""
+    of_pose: Array
+    """(6, 6) covariance of the pose."""
     velocity: Array
-    """(3,) in the child, m/s."""
+    """(3,) in the child, m/s; so is its covariance (3, 3)."""
     turn_rate: Array
     """(3,) in the child, rad/s."""
-    covariance: Array
-    """(3, 3) of the velocity."""
+    of_velocity: Array
 
 
-def motion_of(message: Odometry | bytes) -> Motion:
-    """Return what a message says; of a serialised one rclpy takes ten times as long to make the
-    objects. Raises BadMessageError where that is cut off."""
-    if isinstance(message, bytes):
-        content = Reader(message)
-        content.take("iI")  # the stamp
-        frame, child = content.text(), content.text()
-        numbers = np.array(content.take(f"{_NUMBERS}d"))
-    else:
-        frame, child = message.header.frame_id, message.child_frame_id
-        numbers = numbers_of(message)
-    linear, angular, rest = np.split(numbers[_TWIST - 6 :], (3, 6))
-    of_velocity = rest.reshape(6, 6)[:3, :3]
-    return Motion(frame, child, numbers[[6, 3, 4, 5]], linear, angular, of_velocity)
+def read_odometry(data: bytes) -> Received:
+    """Return what a serialised Odometry says, of which rclpy takes ten times as long to make the
+    objects; raises BadMessageError where it is cut off."""
+    content = Reader(data)
+    names = content.stamp(), content.text(), content.text()
+    numbers = np.array(content.take(f"{_NUMBERS}d"))
+    pose, velocity, turn_rate, twist = np.split(numbers[_POSE:], (36, 39, 42))
+    of_pose, of_velocity = pose.reshape(6, 6), twist.reshape(6, 6)[:3, :3]
+    turn = numbers[[6, 3, 4, 5]]
+    return Received(*names, numbers[:3], turn, of_pose, velocity, turn_rate, of_velocity)
 
 
 def read_velocity(
-    motion: Motion, frame: LocalFrame, latitude: float, longitude: float
+    motion: Received, frame: LocalFrame, latitude: float, longitude: float
 ) -> tuple[Array, Array, Array]:
     """Return (velocity (3,), its covariance (3, 3), attitude (3, 3) FRD to NED) of an Odometry,
     NED at a point.
@@ -180,7 +199,7 @@ def read_velocity(
     if motion.child != BASE:
         raise BadMessageError(f"child_frame_id must be '{BASE}', is '{motion.child}'")
     require_unit(motion.orientation, "orientation")
-    velocity, covariance = motion.velocity, motion.covariance
+    velocity, covariance = motion.velocity, motion.of_velocity
     if not np.isfinite(velocity).all() or np.abs(velocity).max() > FASTEST:
         raise BadMessageError(f"velocity is not finite, or above {FASTEST:g} m/s")
     require_covariance(covariance)

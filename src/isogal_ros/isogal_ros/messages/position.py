@@ -5,8 +5,7 @@ Earth."""
 import math
 
 import numpy as np
-from geometry_msgs.msg import Point, PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from isogal.arrays import Array
@@ -94,18 +93,15 @@ def read_place(message: NavSatFix) -> tuple[float, float]:
     return math.radians(message.latitude), math.radians(message.longitude)
 
 
-def read_point(point: Point, frame: LocalFrame) -> Array:
-    """Return latitude, longitude (rad) and height (m) as (3,) of a point in the frame ``map``;
-    raises BadMessageError where it is not finite, or at no place on the Earth."""
-    local = np.array([point.x, point.y, point.z])
+def read_point(local: Array, frame: LocalFrame) -> Array:
+    """Return latitude, longitude (rad) and height (m) as (3,) of a point (3,) in the frame
+    ``map``; raises BadMessageError where it is not finite, or at no place on the Earth."""
     if not (np.isfinite(local).all() and np.abs(local).max() <= FARTHEST):
         raise BadMessageError("position is not finite, or not on the Earth")
     return np.array([float(part) for part in frame.to_geodetic(local)])
 
 
-def read_pose(
-    message: PoseWithCovarianceStamped | Odometry, frame: LocalFrame
-) -> tuple[Array, Array, Array]:
+def read_pose(message: PoseWithCovarianceStamped, frame: LocalFrame) -> tuple[Array, Array, Array]:
     """Return what a message says of the pose in the frame ``map``: latitude, longitude (rad) and
     height (m) as (3,), the covariance (6, 6) of position and orientation in that frame, which is
     not looked at, and the rotation (3, 3) from its axes to north, east, down at the place.
@@ -116,10 +112,16 @@ def read_pose(
         Of another frame, not finite, or too far away.
     """
     require_frame(message, MAP)
+    point = message.pose.pose.position
+    place = read_point(np.array([point.x, point.y, point.z]), frame)
     covariance = np.asarray(message.pose.covariance).reshape(6, 6)
-    place = read_point(message.pose.pose.position, frame)
-    to_ned = (frame.rotation_from(place[0], place[1]) @ NED_ENU).T
-    return place, covariance, to_ned
+    return place, covariance, to_ned(place, frame)
+
+
+def to_ned(place: Array, frame: LocalFrame) -> Array:
+    """Return the rotation (3, 3) from the axes of the frame ``map`` to north, east, down at a
+    place (3,), latitude and longitude in rad."""
+    return (frame.rotation_from(place[0], place[1]) @ NED_ENU).T
 
 
 def read_covariance(message: NavSatFix) -> Array:

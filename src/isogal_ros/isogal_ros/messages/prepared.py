@@ -179,6 +179,11 @@ class Reader:
         except struct.error:
             raise BadMessageError("cut off, or too few numbers") from None
 
+    def stamp(self) -> int:
+        """Return a stamp, ns."""
+        seconds, rest = self.take("iI")
+        return int(seconds) * SECOND + int(rest)
+
     def text(self) -> str:
         """Return a text."""
         length = int(self.take("I")[0])
@@ -187,3 +192,9 @@ class Reader:
             return self._data[self._at - length : self._at - 1].decode()
         except UnicodeDecodeError:
             raise BadMessageError("a text is not in UTF-8") from None
+
+
+def peek_ns(data: bytes) -> int:
+    """Return the stamp of a serialised message that begins with a header or a stamp; raises
+    BadMessageError where it is cut off."""
+    return Reader(data).stamp()

@@ -1,6 +1,5 @@
 """Time stamps as whole nanoseconds, so that equal times compare equal."""
 
-import struct
 from collections.abc import Iterable
 
 from builtin_interfaces.msg import Time
@@ -9,7 +8,6 @@ SECOND = 1_000_000_000
 """ns."""
 LAST_STAMP = 2**31 * SECOND
 """ns from which on a stamp cannot be written: its seconds have 32 bits, with a sign."""
-_LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
 
 
 def to_ns(stamp: Time) -> int:
@@ -37,12 +35,3 @@ def among(seconds: Iterable[float], stamps: Iterable[int]) -> list[int]:
     at times of today a float is wrong by up to 119 ns."""
     known = {to_seconds(ns): ns for ns in stamps}
     return [known.get(time, from_seconds(time)) for time in seconds]
-
-
-def peek_ns(serialised: bytes) -> int:
-    """Return the header stamp of a serialised message without decoding the rest.
-
-    CDR begins with four bytes of representation (the second says the byte order), then the fields
-    in order: a message that starts with a ``std_msgs/Header`` has its stamp there."""
-    seconds, rest = (_LITTLE if serialised[1] & 1 else _BIG).unpack_from(serialised, 4)
-    return int(seconds) * SECOND + int(rest)

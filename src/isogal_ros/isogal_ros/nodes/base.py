@@ -28,11 +28,12 @@ from std_srvs.srv import Trigger
 from typing_extensions import TypeVar
 
 from isogal.errors import InputError
-from isogal.scenario import Scenario, truth_of
+from isogal.scenario import Scenario, truth_of, validate_scenario, validated
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import Entrance
 from isogal_ros.messages.mounting import mounted, placed
+from isogal_ros.messages.prepared import decoded
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR, OK, STARTING, WARN, Health
 from isogal_ros.nodes.heartbeat import Heartbeat
@@ -42,7 +43,7 @@ from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.static_transforms import static_transforms
 from isogal_ros.parameters.declaration import declare, on_change
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
-from isogal_ros.parameters.values import Values, scenario_from, settings_from
+from isogal_ros.parameters.values import Values, nested
 from isogal_ros.topics import Topic
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             automatically_declare_parameters_from_overrides=True,
         )
         self._guard_transitions()
-        alone = self._join(context)
+        self._join(context)
         self.exit_code = 0
         self.failure = ""
         """Why the node failed, where it did."""
@@ -135,15 +136,14 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             self.health = Health(
                 self.get_fully_qualified_name().lstrip("/"),
                 self.advertise(topics.DIAGNOSTICS),
-                from_seconds(self.settings.diagnostics_period),
                 self.log,
-                # where there is no wall time, that of the data
-                None if alone else time.monotonic,
             )
             on_change(self, specs, lambda new: self.changed(new) if self.configured else None)
             steady, self._heartbeat = Clock(clock_type=ClockType.STEADY_TIME), Heartbeat(self)
             # made before `setup` makes anything, so that they outlive a cleanup
             self.create_timer(1.0, self._beat, clock=steady)
+            period = self.settings.diagnostics_period
+            self.create_timer(period, self.health.renew, clock=steady)
             self._readiness = self.create_timer(0.02, self._check_ready, clock=steady)
             if self.settings.autostart:
                 self.start()
@@ -151,9 +151,8 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             self.destroy_node()
             raise
 
-    def _join(self, context: Context | None) -> bool:
-        """Note the bus that carries the node's messages, where its context is one; return whether
-        its time is that of the data on the bus."""
+    def _join(self, context: Context | None) -> None:
+        """Note the bus that carries the node's messages, where its context is one."""
         self.bus: Bus | None = getattr(context, "bus", None)
         """None = the middleware carries them."""
         quiet = self.bus is not None and self.bus.quiet
@@ -161,9 +160,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         set_logger_level(self.get_logger().name, level)
         self.monotonic = time.monotonic
         if (bus := self.bus) is not None and bus.alone:
-            self.monotonic = lambda: bus.now
-            return True
-        return False
+            self.monotonic = lambda: bus.now  # there is no wall time but that of the data
 
     def _guard_transitions(self) -> None:
         """Refuse a transition that the node's state does not have: rclpy raises, which would end
@@ -220,7 +217,8 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         truth = assumed.get("truth")
         if isinstance(truth, dict):  # a file that all nodes share says it of all sections
             assumed["truth"] = truth_of(truth, cls.sections)
-        return settings_from(cls.settings_model, own, name), scenario_from(assumed, name)
+        settings = validated(cls.settings_model, nested(own), where=f"{name}: ")
+        return settings, validate_scenario(nested(assumed), name)
 
     def changed(self, values: Values) -> None:
         """Take new values of mutable parameters; an InputError refuses them."""
@@ -237,26 +235,24 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         self.publishing.append(Publishing(self, topic, len(listeners)))
         return self.publishing[-1]
 
-    def listen(self, topic: Topic, handler: Take, raw: bool = False) -> Listening:
-        """Subscribe; a message with which the handler fails is dropped and counted. It has passed
-        the node's `Entrance`."""
-
-        def enter(message: topics.Message) -> None:
-            now = self.now_ns()
-            if raw:
-                given = topics.type_name(listening.type)
-                handler(self._entrance.take_serialised(topic, message, given, now))
-            else:
-                handler(self._entrance.take(topic, message, now))
-
+    def listen(
+        self, topic: Topic, handler: Callable[[topics.Message], None], raw: bool = False
+    ) -> Listening:
+        """Subscribe; a message with which the handler, which takes it serialised if `raw`, fails
+        is dropped and counted. It has passed the node's `Entrance`."""
         plain = not self._entrance.changes(topic)
 
-        def guarded(message: topics.Message) -> None:
-            if self.active:
-                as_it_is = plain and listening.type is topic.type
-                self.guard(topic, handler if as_it_is else enter, message)
+        def enter(data: bytes) -> None:
+            if not (plain and listening.type is topic.type):
+                given = topics.type_name(listening.type)
+                data = self._entrance.take_serialised(topic, data, given, self.now_ns())
+            handler(data if raw else decoded(data, topic.type))
 
-        listening = self.hear(topic, guarded, raw, topic.single)
+        def guarded(data: bytes) -> None:
+            if self.active:
+                self.guard(topic, enter, data)
+
+        listening = self.hear(topic, guarded, topic.single)
         return listening
 
     def now_ns(self) -> int:
@@ -265,18 +261,10 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             return from_seconds(self.bus.now)
         return int(self.get_clock().now().nanoseconds)
 
-    def hear(self, topic: Topic, take: Take, raw: bool = False, single: bool = False) -> Listening:
-        """Subscribe; what `take` raises is raised, and it has to look whether the node is active
-        itself.
-
-        Parameters
-        ----------
-        take : callable
-            Takes a message, serialised if `raw`.
-        single : bool, optional
-            Whether to use one publisher only, see `Listening`.
-        """
-        self.listening[topic.name] = Listening(self, topic, take, raw, single)
+    def hear(self, topic: Topic, take: Take, single: bool = False) -> Listening:
+        """Subscribe, see `Listening`; what `take` raises is raised, and it has to look whether the
+        node is active itself."""
+        self.listening[topic.name] = Listening(self, topic, take, single)
         return self.listening[topic.name]
 
     def guard(self, topic: Topic, action: Callable[..., None], *arguments: topics.Message) -> None:
@@ -461,8 +449,7 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             self.health.state(OK, "ready")
 
     def _beat(self) -> None:
-        """Hear who offers less than is asked for, look at what no message tells of, and publish
-        diagnostics while no data comes."""
+        """Hear who offers less than is asked for, and look at what no message tells of."""
         for listening in list(self.listening.values()):
             listening.adapt()
         for monitor in self._monitors:

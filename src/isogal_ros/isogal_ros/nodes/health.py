@@ -20,8 +20,8 @@ STARTING = "starting"
 
 
 class Health:
-    """State, figures and counts of dropped messages of one node, published once a period and on
-    change.
+    """State, figures and counts of dropped messages of one node, published on change and, as the
+    node's timer has it (`renew`), once a period.
 
     What it says is logged as well, where it is another than before but for its numbers.
 
@@ -33,41 +33,27 @@ class Health:
         Of the status.
     publisher : Publishing
         Of /diagnostics.
-    period_ns : int
-        Time between publications.
     log : callable
         Called with level and text of what is new.
-    clock : callable, optional
-        Returns the wall time (s) that the period is of; None = it is of the time of the data.
     """
 
     def __init__(
-        self,
-        name: str,
-        publisher: "Publishing",
-        period_ns: int,
-        log: Callable[[bytes, str], None],
-        clock: Callable[[], float] | None = None,
+        self, name: str, publisher: "Publishing", log: Callable[[bytes, str], None]
     ) -> None:
-        self.name = name
-        self._log, self._clock = log, clock
+        self.name, self._publisher, self._log = name, publisher, log
         self.figures: dict[str, Figure] = {}
         """Shown as key-value pairs."""
         self.dropped: dict[str, int] = {}
         """Number of dropped messages by topic."""
         self.why: dict[str, str] = {}
         """Why the last of them was dropped."""
-        self._publisher = publisher
-        self._period = period_ns
+        self.stamp = 0
+        """Time of the data, ns."""
         self._level, self.message = OK, STARTING
         """What the node says of its own state."""
-        self.publications = 0
-        """How many arrays were published so far."""
         self._reasons: dict[str, str] = {}
         self._concerns: dict[str, tuple[bytes, str]] = {}
         self._kinds: dict[tuple[str, str], int] = {}
-        self._stamp = 0
-        self._last: int | None = None
 
     def state(self, level: bytes, message: str) -> None:
         """Set the node's own state; a change is published at once."""
@@ -114,17 +100,8 @@ class Health:
             times = f" ({count} times)" if count > 1 else ""
             self._log(WARN, f"{topic}: message dropped: {reason}{times}")
 
-    def tick(self, stamp_ns: int) -> None:
-        """Note the time of the data, ns; publishes when a period has passed since the last time it
-        did."""
-        self._stamp = stamp_ns
-        now = stamp_ns if self._clock is None else round(1e9 * self._clock())
-        if self._last is None or not 0 <= now - self._last < self._period:
-            self._last = now
-            self.idle()
-
-    def idle(self) -> None:
-        """Publish because no data came for a period of wall time."""
+    def renew(self) -> None:
+        """Publish because a period has passed."""
         self.publish()
         self._reasons.clear()
 
@@ -142,9 +119,8 @@ class Health:
         dropped = {f"dropped {topic}": count for topic, count in self.dropped.items()}
         own = status(self.name, level, message, {**self.figures, **dropped})
         array = DiagnosticArray(status=[own, *more])
-        set_stamp(array.header.stamp, self._stamp)
+        set_stamp(array.header.stamp, self.stamp)
         self._publisher.publish(array)
-        self.publications += 1
 
 
 def status(

@@ -18,9 +18,8 @@ FREE_EVERY = 5.0
 
 
 class Heartbeat:
-    """Publishes diagnostics while no data comes; gives memory back; says where the process stood
-    still so long that others, where a node has any (`isogal_ros.graph.bus`), took it for gone;
-    ends the node with the process that started it.
+    """Gives memory back; says where the process stood still so long that others, where a node has
+    any (`isogal_ros.graph.bus`), took it for gone; ends the node with the process that started it.
 
     Parameters
     ----------
@@ -33,7 +32,6 @@ class Heartbeat:
         self._beaten: float | None = None
         self._told: float | None = None
         """When it said that it stood still."""
-        self._heard = 0
 
     def beat(self) -> None:
         """Do what is due."""
@@ -49,9 +47,6 @@ class Heartbeat:
         if now - self._freed >= FREE_EVERY:
             self._freed = now
             give_memory_back()
-        if health.publications == self._heard:
-            health.idle()
-        self._heard = health.publications
         if self._parent is not None and not self._parent.is_alive():
             node.get_logger().error("the process that started this node is gone")
             node.finished = True

@@ -31,9 +31,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from isogal_ros import topics
-from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.drivers import takes_others, type_taken
-from isogal_ros.messages.prepared import decoded
 from isogal_ros.topics import LOSSLESS, Message, Topic
 
 if TYPE_CHECKING:
@@ -120,31 +118,22 @@ def take_next(subscription: Subscription) -> tuple[bytes, bytes | None] | None:
 
 
 class Foretold(Subscription):
-    """A subscription that says when a message is about to be taken."""
+    """What a subscription becomes that is to say when a message is about to be taken."""
+
+    before: Callable[[], None]
+    """Called then."""
 
     @property
     def msg_type(self) -> type[Message]:
         """The class of its messages, which an executor asks for before each."""
-        before: Callable[[], None] | None = self.__dict__.get("before")
-        if before is not None:
-            # one that was destroyed may have been told of a message that it had still to take
-            with suppress(InvalidHandle):
-                before()
+        # one that was destroyed may have been told of a message that it had still to take
+        with suppress(InvalidHandle):
+            self.before()
         return self.__dict__["msg_type"]
 
-    @msg_type.setter
-    def msg_type(self, kind: type[Message]) -> None:
-        self.__dict__["msg_type"] = kind
 
-
-def foretell(subscription: Subscription, before: Callable[[], None]) -> None:
-    """Let a function be called whenever a message of a subscription is about to be taken."""
-    subscription.__class__ = Foretold
-    subscription.__dict__["before"] = before
-
-
-Take = Callable[[topics.Message], None]
-"""Takes a message of a topic; or a serialised one, as the subscription says."""
+Take = Callable[[bytes], None]
+"""Takes a serialised message of a topic."""
 _BEST_EFFORT = QoSProfile(
     history=HistoryPolicy.KEEP_ALL, depth=0, reliability=ReliabilityPolicy.BEST_EFFORT
 )
@@ -159,20 +148,12 @@ class Listening:
     node : GraphNode
     topic : Topic
     take : callable
-        Takes a message, serialised if `raw`.
     single : bool, optional
         Whether to use one publisher only, of those by the middleware.
     """
 
-    def __init__(
-        self,
-        node: "GraphNode",
-        topic: Topic,
-        take: Take,
-        raw: bool = False,
-        single: bool = False,
-    ) -> None:
-        self.node, self.topic, self._take, self._raw = node, topic, take, raw
+    def __init__(self, node: "GraphNode", topic: Topic, take: Take, single: bool = False) -> None:
+        self.node, self.topic, self.deliver = node, topic, take
         self._refused = False
         self.type: type[topics.Message] = topic.type
         """Of the messages that are taken: the topic's own, or one that a driver publishes."""
@@ -201,23 +182,14 @@ class Listening:
         if self._subscription is None:
             self._subscription = self._subscribe(LOSSLESS)
 
-    def deliver(self, data: bytes) -> None:
-        """Take a serialised message; one that cannot be read is dropped."""
-        try:
-            message = data if self._raw else decoded(data, self.type)
-        except BadMessageError as error:
-            self.node.health.drop(self.topic.name, str(error))
-            return
-        self._take(message)
-
     def _subscribe(self, profile: QoSProfile) -> Subscription:
         topic, events = self.topic, SubscriptionEventCallbacks(incompatible_qos=self._refuse)
         made = self.node.create_subscription(
-            self.type, topic.name, self._take, profile, raw=self._raw, event_callbacks=events
+            self.type, topic.name, self.deliver, profile, raw=True, event_callbacks=events
         )
         self._connected, self._settled = -1, False
         if self._single:
-            foretell(made, self._sort)
+            made.__class__, made.before = Foretold, self._sort
         return made
 
     def _refresh(self) -> None:

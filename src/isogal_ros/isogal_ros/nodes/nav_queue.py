@@ -1,6 +1,7 @@
 """The navigator's latest states by stamp, decoded only where a scan needs them, and the items that
 wait for them."""
 
+from bisect import insort
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -21,11 +22,11 @@ from isogal.sensors.reduction import Reduction, State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.frames import FRD_FLU, map_frame
-from isogal_ros.messages.odometry import motion_of, read_velocity
+from isogal_ros.messages.odometry import read_odometry, read_velocity
 from isogal_ros.messages.position import read_covariance, read_position
-from isogal_ros.messages.prepared import decoded
+from isogal_ros.messages.prepared import decoded, peek_ns
 from isogal_ros.messages.stamped_numbers import peek_numbers_ns, read_nav_covariance
-from isogal_ros.messages.stamps import from_seconds, peek_ns, to_ns, to_seconds
+from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
 
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
@@ -72,7 +73,7 @@ class NavSample:
 def read_nav(fix: bytes, odom: bytes, frame: LocalFrame) -> NavSample:
     """Return the state that serialised messages on nav/fix and nav/odom say, in the frame ``map``;
     raises BadMessageError where one cannot be used."""
-    where, motion = decoded(fix, topics.NAV_FIX.type), motion_of(odom)
+    where, motion = decoded(fix, topics.NAV_FIX.type), read_odometry(odom)
     position, of_position = read_position(where), read_covariance(where)
     velocity, of_velocity, attitude = read_velocity(motion, frame, *position[:2])
     covariance = np.zeros((4, 4))
@@ -154,8 +155,8 @@ class _Stamp:
 
 class NavQueue(Generic[Item]):
     """Collects ``nav/fix``, ``nav/odom`` and ``nav/covariance`` for a node, and hands on each of
-    its items, in the order they came, once the navigator's state of their stamp is there. Where
-    too many wait, the oldest is handed on without.
+    its items, in order of time, once the navigator's state of their stamp is there. Where too many
+    wait, the oldest is handed on without.
 
     A further pair of fix and odometry of the same stamp is the navigator after a fix. Messages are
     kept serialised, since only one in ten is needed.
@@ -171,6 +172,8 @@ class NavQueue(Generic[Item]):
         that stamp.
     arrived : callable
         Called without arguments when the navigator has gone on, or an item has come.
+    in_turn : callable
+        Whether no item of an earlier time than a stamp (ns) can come any more.
     """
 
     def __init__(
@@ -179,9 +182,11 @@ class NavQueue(Generic[Item]):
         settings: Settings,
         handle: Callable[[int, Item, NavSample | None], None],
         arrived: Callable[[], None] = lambda: None,
+        in_turn: Callable[[int], bool] = lambda _: True,
     ) -> None:
-        self.waiting: list[tuple[int, Item]] = []
-        """Stamps and items."""
+        self.waiting: list[tuple[int, int, Item]] = []
+        """Stamps, ranks and items, in order."""
+        self._in_turn = in_turn
         self._health, self._handle, self._arrived = node.health, handle, arrived
         self.changes: deque[Jump | Gap] = deque(maxlen=REPEATED)
         """Jumps and gaps seen, oldest first; whoever uses them takes them out."""
@@ -200,9 +205,9 @@ class NavQueue(Generic[Item]):
         self._monotonic, self._first_in_line = node.monotonic, (-1, 0.0)
         node.watch("waiting for the navigator", self._unanswered)
 
-    def put(self, ns: int, item: Item) -> None:
-        """Take an item."""
-        self.waiting.append((ns, item))
+    def put(self, ns: int, item: Item, rank: int = 0) -> None:
+        """Take an item of a stamp, which follows those of the same stamp and no higher rank."""
+        insort(self.waiting, (ns, rank, item), key=lambda one: one[:2])
         self._arrived()
         self._process()
 
@@ -228,7 +233,9 @@ class NavQueue(Generic[Item]):
     def _process(self) -> None:
         """Deal with the waiting items as far as the navigator's states reach."""
         while self.waiting:
-            ns, item = self.waiting[0]
+            ns, _, item = self.waiting[0]
+            if not self._in_turn(ns):
+                return
             try:
                 nav = self.at(ns)
                 if nav is None and len(self.waiting) <= LONGEST:
@@ -240,7 +247,7 @@ class NavQueue(Generic[Item]):
                 nav = None
             del self.waiting[0]
             self._handle(ns, item, nav)
-            self._health.tick(ns)
+            self._health.stamp = ns
 
     def at(self, ns: int) -> NavSample | None:
         """Return the state at a stamp as it was before any fix of that stamp, or None while it may

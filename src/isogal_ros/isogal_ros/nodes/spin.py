@@ -67,7 +67,7 @@ class Spinning:
 
     def __init__(self, executor: Executor) -> None:
         self._executor, self._is_done = executor, False
-        self._end: Callable[[object], None] = _nothing
+        self._end: Callable[[object], None] = lambda _: None
 
     def done(self) -> bool:
         """Whether it was told to stop."""
@@ -92,11 +92,7 @@ class Spinning:
         try:
             self._executor.spin_until_future_complete(self, timeout_sec=seconds)
         finally:
-            self._end = _nothing
-
-
-def _nothing(_spinning: object) -> None:
-    pass
+            self._end = lambda _: None
 
 
 def drain(node: GraphNode, executor: Executor, limit: float) -> None:

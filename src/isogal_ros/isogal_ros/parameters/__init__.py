@@ -12,7 +12,6 @@ written thus:
 - anything nested (``route.waypoints``, ``matcher.options``) is a string that holds YAML, empty
   where it is null or has no entries.
 
-from_model    which parameters has a model, and how does a value become a parameter's?
-declaration   how are they declared on a node, and changed while it runs?
-values        which values has a scenario, and which scenario do values make?
-bringup_file  what does the parameter file of the bringup package say?"""
+from_model   which parameters has a model, and how does a value become a parameter's?
+declaration  how are they declared on a node, and changed while it runs?
+values       which values has a scenario, and which scenario do values make?"""

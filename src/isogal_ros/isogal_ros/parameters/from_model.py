@@ -181,21 +181,14 @@ def _number(
     """Return the parameter of a number; completes its descriptor. A range of ROS includes its
     ends: one that the model leaves out is the next whole number, or else a constraint beside."""
     whole = content["type"] == "integer"
-    kind = int if whole else float
-    lows = [content["minimum"]] if "minimum" in content else []
-    highs = [content["maximum"]] if "maximum" in content else []
-    if (end := content.get("exclusiveMinimum")) is not None:
-        lows.append(end + 1 if whole else end)
-    if (end := content.get("exclusiveMaximum")) is not None:
-        highs.append(end - 1 if whole else end)
-    low, high = max(lows, default=None), min(highs, default=None)
-    if not whole:
-        ends_left_out = (">", "exclusiveMinimum", low), ("<", "exclusiveMaximum", high)
-        descriptor.additional_constraints = ", ".join(
-            f"{sign} {end:g}"
-            for sign, key, end in ends_left_out
-            if end is not None and end == content.get(key)
-        )
+    kind, step = (int, 1) if whole else (float, 0.0)
+    low, high = content.get("minimum"), content.get("maximum")
+    left_out = []
+    if (end := content.get("exclusiveMinimum")) is not None and (low is None or low <= end):
+        low, left_out = end + step, [f"> {end:g}"]
+    if (end := content.get("exclusiveMaximum")) is not None and (high is None or high >= end):
+        high, left_out = end - step, [*left_out, f"< {end:g}"]
+    descriptor.additional_constraints = "" if whole else ", ".join(left_out)
     if nullable:
         low = 0
         descriptor.additional_constraints = "0 stands for null"

@@ -2,17 +2,15 @@
 
 from collections.abc import Collection, Mapping
 from operator import attrgetter
-from typing import TypeVar
 
 import yaml
-from pydantic import BaseModel, JsonValue
+from pydantic import JsonValue
 
-from isogal.scenario import Scenario, validate_scenario, validated
+from isogal.scenario import Scenario
 from isogal_ros.parameters.from_model import parameter_specs
 
 Values = dict[str, JsonValue]
 """Values by dotted name."""
-Model = TypeVar("Model", bound=BaseModel)
 
 
 def nested(values: Mapping[str, JsonValue]) -> Values:
@@ -27,17 +25,6 @@ def nested(values: Mapping[str, JsonValue]) -> Values:
             target = inner
         target[last] = value
     return document
-
-
-def scenario_from(values: Mapping[str, JsonValue], where: str) -> Scenario:
-    """Return the scenario of model values by dotted name, with defaults for the others; raises
-    InputError with one line that begins with `where`."""
-    return validate_scenario(nested(values), where)
-
-
-def settings_from(model: type[Model], values: Mapping[str, JsonValue], where: str) -> Model:
-    """Return a node's own settings; raises InputError with one line that begins with `where`."""
-    return validated(model, nested(values), where=f"{where}: ")
 
 
 def scenario_values(scenario: Scenario) -> Values:
