@@ -134,6 +134,14 @@ def test_a_clone_says_how_the_error_goes_on(name) -> None:
             np.testing.assert_allclose(scaled(one, unit), scaled(other, unit), atol=1e-6)
 
 
+def test_a_clone_of_another_number_of_states_is_refused() -> None:
+    """Compiled loops would write beyond its end."""
+    state = FLIGHT.start.copy()
+    state.clone = Clone.of(np.eye(len(state.covariance) + 1))
+    with pytest.raises(ValueError, match="of 16 states, not of 15"):
+        state.copy()
+
+
 def free(until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ten samples without a height, which would be a measurement."""
     force, rate, height = FLIGHT.samples(until - 10, until)

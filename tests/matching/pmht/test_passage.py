@@ -111,6 +111,28 @@ def test_what_a_bias_adds_is_not_taken_for_new_at_every_fix() -> None:
     assert after < passage.after[HEADING, HEADING] + 0.3 * 99.0 * grown
 
 
+def test_a_navigator_that_is_worse_than_it_says_has_been_told_less() -> None:
+    """What the odometer says of the heading at the beginning tells a model of a hundredfold growth
+    a hundredth of it."""
+    passage = driven()[0].passage(float(BEGIN))
+    assert passage is not None
+    still = replace(
+        passage, cross=passage.smoothed, after=passage.smoothed, mean=0.0 * passage.mean
+    )
+    bank, moving = bank_of(still, still.before)
+    models = bank.models
+    for growth in (1.0, 100.0):
+        of = models._replace(growth=np.full_like(models.growth, growth))
+        after = (
+            replace(bank, models=of).passed(still, moving).covariance[0][np.ix_(moving, moving)]
+        )
+        gained = np.linalg.inv(after) - np.linalg.inv(still.before)
+        expected = (np.linalg.inv(S) - np.linalg.inv(still.before)) / growth
+        sigma = np.sqrt(np.diag(S))
+        size = np.outer(sigma, sigma)
+        np.testing.assert_allclose(gained * size, expected * size, atol=2e-3)
+
+
 def test_before_any_sample_nothing_has_become_of_an_error() -> None:
     model = filter_model(CAR)
     still = Estimate(np.array([0.7, 0.2, 0.0]), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))

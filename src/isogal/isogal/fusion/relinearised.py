@@ -17,6 +17,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans
 from isogal.earth.frames import horizontal_difference
 from isogal.fusion.auxiliary import AuxiliaryState
+from isogal.fusion.clone import NO_CLONE
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import (
     InformationUpdate,
@@ -186,6 +187,7 @@ def _again(
         auxiliary=np.concatenate([before.auxiliary, np.zeros(len(errors))]),
         covariance=covariance,
         residual_gravity=learnt.copy(),
+        clone=NO_CLONE,
         contradicted=newest.contradicted,
     )
     with_errors = replace(model, auxiliary=(*model.auxiliary, *errors), height_contents=contents)

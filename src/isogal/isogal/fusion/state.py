@@ -46,6 +46,13 @@ class FilterState:
     insisting: dict[str, int] = field(default_factory=dict, kw_only=True)
     """How many readings of an aid, by its name, were beyond the gate, one after the other."""
 
+    def __post_init__(self) -> None:
+        """Raise ValueError where the clone is of another number of states: compiled loops would
+        write beyond its end."""
+        rows, states = self.clone.cross.shape
+        if rows and states != len(self.covariance):
+            raise ValueError(f"a clone is of {states} states, not of {len(self.covariance)}")
+
     @classmethod
     def start(cls, estimate: Estimate, model: FilterModel) -> "FilterState":
         """Return the state at the start: biases and auxiliary states zero, covariance diagonal."""

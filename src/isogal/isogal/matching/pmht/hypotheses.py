@@ -125,8 +125,10 @@ class Hypotheses:
         return self.changed(covariance=every)
 
     def passed(self, passage: Passage, moving: Integers) -> "Hypotheses":
-        """Return them at the end of a passage, of the states `moving` (n,)."""
-        them = self.informed(passage.told, passage.before, moving).headed()
+        """Return them at the end of a passage, of the states `moving` (n,). Of a navigator that
+        becomes uncertain faster than it says, what it has been told is as much less certain."""
+        told, faster = passage.told, self.models.growth[self.which]
+        them = self.informed(told, passage.before, moving, faster).headed()
         forward, growth = passage.transition
         mean, covariance = them.mean.copy(), them.covariance.copy()
         mean[:, moving] -= passage.mean
@@ -212,10 +214,14 @@ class Hypotheses:
         return float(np.logaddexp.reduce(self.log_weight)) if len(self) else -math.inf
 
     def informed(
-        self, information: Information, prior: Array, states: Integers | None = None
+        self,
+        information: Information,
+        prior: Array,
+        states: Integers | None = None,
+        less: Array | None = None,
     ) -> "Hypotheses":
         """Return them after what others' readings say of the navigator's error, or of some
-        `states` (n,).
+        `states` (n,); to each `less` (K,) times less.
 
         Where that is negative they become wider: what others have withdrawn would else be told
         again, as new, by those who still hold it. Of what a Gaussian cannot say of places as far
@@ -232,8 +238,9 @@ class Hypotheses:
         square = P + mean[:, :, None] * mean[:, None, :]
         withdrawn = -np.einsum("ij,kij->k", M, square)  # the mean of -x' M x
         share = 1.0 / np.maximum(withdrawn / (1.0 - 1.0 / LARGEST_RATIO), 1.0)
-        M = positive.matrix + share[:, None, None] * M
-        vector = positive.vector + share[:, None] * vector
+        believed = np.ones(len(self)) if less is None else 1.0 / less
+        M = believed[:, None, None] * (positive.matrix + share[:, None, None] * M)
+        vector = believed[:, None] * (positive.vector + share[:, None] * vector)
         left = vector - np.einsum("kij,kj->ki", M, mean)
         inner = np.eye(n) + M @ P
         less = np.linalg.solve(inner, M)
