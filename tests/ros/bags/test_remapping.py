@@ -6,13 +6,10 @@ import re
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
-from helpers.bag_writing import begin, sample
 from helpers.command_line import answer, refusal
 from helpers.recordings import rewritten
 from isogal.errors import InputError
 from isogal_ros import topics
-from isogal_ros.bags.metadata import qos_entries
-from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.remapping import Remapping, given_drivers
 
 FOREIGN = {"/imu/data_raw": "/sbg/imu", "/gravimeter/data_raw": "/mgs6/acceleration"}
@@ -59,18 +56,6 @@ def test_a_view_without_a_map_and_without_readings(recording, tmp_path) -> None:
     assert None not in data["states"]["aided_x"]
     assert set(data["states"]["nn"]) == {None}
     assert any("which map" in words for words in data["missing"])
-
-
-def test_one_of_two_sources(tmp_path) -> None:
-    writer = begin(tmp_path / "bag")
-    writer.add_topic("/second/imu", "sensor_msgs/msg/Imu", qos_entries([topics.LOSSLESS]), "")
-    for i in range(10):
-        writer.write("/imu/data_raw", sample(i), i, i)
-        writer.write("/second/imu", sample(100 + i), i, i)
-    writer.close()
-    reader = BagReader(tmp_path / "bag", remapping=Remapping.parse(["second/imu:=imu/data_raw"]))
-    assert [one.data for one in reader.messages()] == [sample(100 + i) for i in range(10)]
-    assert {one.topic for one in reader.messages()} == {"/imu/data_raw"}
 
 
 @pytest.mark.parametrize(

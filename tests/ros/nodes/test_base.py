@@ -1,9 +1,6 @@
-"""Nodes are managed nodes, start by themselves unless told not to, and give memory back."""
-
-from types import SimpleNamespace
+"""Nodes are managed nodes, and start by themselves unless told not to."""
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.node import Node
@@ -13,7 +10,6 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.domain import local_context
-from isogal_ros.nodes import heartbeat
 from isogal_ros.nodes.base import FAILURE, SUCCESS
 from isogal_ros.nodes.health import ERROR, OK, WARN, Health, figures_of
 from isogal_ros.nodes.spin import make_executor
@@ -102,19 +98,6 @@ def test_a_recorder_that_cannot_be_configured_and_one_that_is_cleaned_up(
     assert reader.cut is None
 
 
-def test_a_node_gives_memory_back_when_it_is_time(scenario, monkeypatch) -> None:
-    """By what the C library has for it."""
-    given = []
-    library = SimpleNamespace(malloc_trim=lambda kept: given.append(kept.value))
-    monkeypatch.setattr(heartbeat.ctypes, "CDLL", lambda name: library)
-    with bench(topics.UKF_FUSION, scenario()) as made:
-        made.bus.tick()
-        assert not given
-        monkeypatch.setattr(heartbeat, "FREE_EVERY", 0.0)
-        made.bus.tick()
-        assert given == [0]
-
-
 S = 10**9
 
 
@@ -137,31 +120,6 @@ def out() -> Listener:
 @pytest.fixture
 def health(out) -> Health:
     return Health("node", out, S, print)
-
-
-def test_once_a_period_of_the_data_or_of_wall_time_where_there_is_a_clock(health, out) -> None:
-    """A simulation at 500 times real time does not say it 500 times a second."""
-    now, by_clock = 100.0, Listener()
-    with_clock = Health("node", by_clock, S, print, clock=lambda: now)
-    for ns in range(0, 5 * S, S // 4):
-        health.tick(ns)
-        with_clock.tick(ns)
-    assert (len(out.arrays), len(by_clock.arrays)) == (5, 1)
-    now += 1.0
-    with_clock.tick(5 * S)
-    assert len(by_clock.arrays) == 2
-
-
-def test_a_change_is_said_at_once(health, out) -> None:
-    health.tick(0)
-    health.figures["error"] = 1.25
-    for level, message in ((OK, "running"), (OK, "running"), (ERROR, "broken")):
-        health.state(level, message)
-    health.publish(DiagnosticStatus(name="batch"))
-    said = [(OK, "starting"), (OK, "running"), (ERROR, "broken"), (ERROR, "broken")]
-    assert [(level, message) for level, message, *_ in out.arrays] == said
-    assert [count for *_, count in out.arrays] == [1, 1, 1, 2]
-    assert out.arrays[-1][2] == {"error": "1.25"}
 
 
 def test_drops_are_counted_and_warned_of_for_a_period(health, out) -> None:

@@ -10,10 +10,9 @@ from rcl_interfaces.msg import ParameterType
 
 from isogal.scenario import Scenario, load_scenario
 from isogal_ros.graph import parameter_reference
-from isogal_ros.graph.parameter_files import scenario_of, values_of
 from isogal_ros.graph.plan import CLASSES, node_class
 from isogal_ros.parameters import bringup_file
-from isogal_ros.parameters.from_model import limits, parameter_specs
+from isogal_ros.parameters.from_model import parameter_specs
 from isogal_ros.parameters.values import parameter_file, scenario_from, scenario_values
 
 
@@ -43,15 +42,6 @@ class Model(BaseModel):
 
 
 SPECS = {spec.name: spec for spec in parameter_specs(Model)}
-
-
-def test_open_ends_of_a_range_are_the_next_whole_number_or_a_constraint() -> None:
-    (ends,) = SPECS["strict"].descriptor.integer_range
-    assert (ends.from_value, ends.to_value) == (2, 8)
-    assert limits(SPECS["strict"].descriptor) == ">= 2, <= 8"
-    (ends,) = SPECS["open"].descriptor.floating_point_range
-    assert (ends.from_value, ends.to_value) == (0.0, 0.5)
-    assert limits(SPECS["open"].descriptor) == "> 0, < 0.5"
 
 
 @pytest.mark.parametrize(
@@ -122,10 +112,3 @@ def test_it_is_up_to_date(made, file) -> None:
     assert (ROOT / file).read_text(encoding="utf-8") == made.text(), (
         f"python -m {made.__name__} > {file}"
     )
-
-
-def test_it_says_the_defaults() -> None:
-    document = {"/**": yaml.safe_load(bringup_file.text())["/**"]["ros__parameters"]}
-    specs = {spec.name: spec.default for spec in parameter_specs(Scenario)}
-    assert values_of(document, "/ukf_fusion_node") == specs
-    assert scenario_of(document, "", "the file") == Scenario()

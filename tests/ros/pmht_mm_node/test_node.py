@@ -6,19 +6,16 @@ from functools import partial
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import NavSatStatus, PointCloud2
+from sensor_msgs.msg import NavSatStatus
 
-from helpers.node_bench import bench, vector_reading
+from helpers.node_bench import bench
 from isogal.matching.interfaces import declined
-from isogal.passage import Aided
 from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.messages.gradiometer import GRADIOMETER
-from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns, to_seconds
+from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.nodes import nav_queue
 from isogal_ros.nodes.health import WARN
-from isogal_ros.nodes.nav_queue import NavSample
 
 
 @pytest.fixture
@@ -66,27 +63,6 @@ def test_what_waits_for_a_silent_navigator_is_bounded(matcher_bench, drive, monk
     assert matcher_bench.node.scans.waiting == 8
     assert matcher_bench.node.health.dropped == {"nav/odom": 28}
     assert matcher_bench.told("more than 8 readings wait for the navigator")[0] == WARN
-
-
-@pytest.mark.parametrize(("later", "used"), [(0, True), (10**9, False)])
-def test_what_is_said_since_the_last_fix_counts_at_stamps_of_our_time(
-    matcher_bench, monkeypatch, later, used
-) -> None:
-    """Of another fix than the last it does not; seconds in double precision are not exact."""
-    node, seen, end = matcher_bench.node, [], 1_764_187_200_123_456_789
-    begin = to_seconds(from_seconds(to_seconds(end + later)))
-    since = Aided(begin, np.eye(7), np.zeros(7))
-    node.scans.ended, node._matching.memory = end, "something"
-
-    def match(_prior, _why, told):
-        seen.append(told)
-        raise StopIteration
-
-    monkeypatch.setattr(node._matching, "match", match)
-    nav = NavSample(end + 10**10, np.zeros(3), np.zeros(3), np.eye(3), np.eye(7), 1.0, since=since)
-    with pytest.raises(StopIteration):
-        node._match(nav)
-    assert len(seen) == 1 and (seen[0] is since) == used
 
 
 def test_what_a_message_says_of_its_noise_is_used(matcher_bench, drive, monkeypatch) -> None:
@@ -145,17 +121,3 @@ def test_settings_may_change_between_batches(matcher_bench) -> None:
     assert not refused.successful
     assert "no_such_option" in refused.reason
     assert node.scenario.matcher.options == {}
-
-
-def test_a_vector_that_cannot_be_read_is_an_empty_scan(gradient) -> None:
-    with bench(topics.PMHT_MM, gradient) as made:
-        for scan in range(1, 7):
-            if scan == 3:
-                item = PointCloud2(width=1, height=1)
-                item.header.frame_id = GRADIOMETER
-                set_stamp(item.header.stamp, from_seconds(10.0 * scan))
-            else:
-                item = vector_reading(gradient, 10.0 * scan, [1e-8, 2e-8, 0.0])
-            made.nav(10.0 * scan, np.radians(-36.5) + 2e-5 * scan, np.radians(147.0))
-            made.publish(topics.GRADIENT, item)
-        assert made.node.health.dropped == {"gradiometer/gradient": 1}
