@@ -16,7 +16,6 @@ from isogal.fusion.measurements import (
     VelocityReading,
 )
 from isogal.fusion.measurements.rest import sensed_at_rest
-from isogal.fusion.standstill import Standstill
 from isogal.inertial.rotations import from_angles, matrix, multiply, to_rotation_vector
 from isogal.scenario import Scenario
 from isogal.sensors.imu import simulate_samples
@@ -175,16 +174,6 @@ def test_an_odometer_alone_tells_no_heading() -> None:
     assert np.ptp(known.log_weights) < 1.0
     for state in known.states:
         assert math.sqrt(state.covariance[8, 8]) > 0.9 * math.pi / HEADINGS
-
-
-def test_a_vehicle_that_moves_off_is_no_longer_at_rest() -> None:
-    it = scenario({"grade": "navigation"}, at_rest=60.0, duration=90.0)
-    trajectory, samples = felt(it, 0)
-    assert np.hypot(*trajectory.velocity[61, :2]) > 0.2
-    watch = Standstill(filter_model(it))
-    still = [watch.take(row[:3], row[3:], 1.0) for row in samples]
-    assert all(still[:60])
-    assert not still[60]
 
 
 def test_samples_that_cannot_be_are_refused() -> None:

@@ -6,9 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from helpers.navigators import ROUTE, assert_close, error_between, fly, identical
+from helpers.navigators import ROUTE, assert_close, fly, identical
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.earth.frames import horizontal_difference
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import (
     HeightReading,
@@ -18,11 +17,11 @@ from isogal.fusion.measurements import (
     PositionFix,
     Widening,
 )
-from isogal.fusion.mixture import COVERED, Mixture
+from isogal.fusion.mixture import Mixture
 from isogal.fusion.outage import HELD, MANOEUVRE
-from isogal.fusion.prediction import FilterDivergenceError, propagate
+from isogal.fusion.prediction import propagate
 from isogal.fusion.state import FilterState
-from isogal.inertial.error_state import Estimate, batch_covariance, batch_difference
+from isogal.inertial.error_state import batch_covariance, batch_difference
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 120.0}))
 R = np.array([[40.0**2, 300.0], [300.0, 25.0**2]])
@@ -90,23 +89,6 @@ def test_a_late_measurement_equals_one_on_time(what, arrival):
 
 
 ORDERS = (20, 50, 90), (90, 50, 20), (50, 90, 20)
-
-
-@pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("at_once", [1, 7, 60])
-def test_positions_in_any_order_of_arrival(order, at_once):
-    """Also where samples that have come at once are divided afterwards."""
-    in_time, found = navigator(), {}
-    for stamp in FIXES:
-        advance(in_time, stamp)
-        found[stamp] = in_time.measure(float(stamp), position_fix(stamp)).innovation
-    advance(in_time, 120)
-    it = navigator()
-    advance(it, 120, at_once)
-    results = it.measure_all([(float(stamp), position_fix(stamp)) for stamp in order])
-    for stamp, one in zip(order, results, strict=True):
-        np.testing.assert_allclose(one.innovation, found[stamp], atol=1e-6)
-    assert_close(it.state, in_time.state, 1e-9, 1e-9)
 
 
 @pytest.mark.parametrize("attitude", [False, True])
@@ -203,16 +185,6 @@ def test_a_fix_that_would_cost_the_covariance_is_refused():
     advance(it, 120)
 
 
-def test_a_step_after_which_the_covariance_is_lost_changes_nothing():
-    it = navigator()
-    advance(it, 10)
-    before = it.state.copy()
-    with pytest.raises(FilterDivergenceError):
-        it.imu(11.0, np.full(3, 1e300), np.zeros(3))
-    assert it.time == 10.0
-    assert identical(it.state, before)
-
-
 def test_late_a_fix_is_rejected_as_in_time_and_passes_if_an_older_reset_comes():
     alone, it = navigator(), navigator()
     for one in (alone, it):
@@ -276,31 +248,6 @@ def test_samples_that_were_not_true_are_forgotten():
     assert identical(it.state, held.state)
     it.back(1000)
     assert it.time == 42.0
-
-
-def test_the_track_is_that_of_the_states():
-    it = navigator()
-    advance(it, 60, 20)
-    it.measure(40.0, position_fix(20))
-    rows = it.track(np.array([33.0, 40.0, 47.0, 60.0, 60.5]))
-    for row, time in zip(rows, (33.0, 40.0, 47.0, 60.0), strict=False):
-        state = it.state_at(time)
-        np.testing.assert_allclose(row[:10], np.concatenate(state.estimate), atol=1e-9)
-        np.testing.assert_allclose(row[[10, 12]], np.diag(state.covariance)[:2], rtol=1e-6)
-    north, _ = metres_per_radian(rows[3, 0])
-    np.testing.assert_allclose((rows[4] - rows[3])[0] * north, 0.5 * rows[3, 3], rtol=1e-3)
-
-
-def test_a_forecast_goes_on_as_the_vehicle_did():
-    it = navigator()
-    advance(it, 60)
-    before = it.state.copy()
-    ahead = it.forecast(80.0, 100.0)
-    assert identical(it.state, before)
-    off = error_between(ahead, reference(80, {}))[:2]
-    sigma = np.sqrt(np.diag(ahead.covariance)[:2])
-    assert (sigma > np.sqrt(np.diag(before.covariance)[:2])).all()
-    assert (np.abs(off) < 3.0 * sigma).all()
 
 
 LONG = fly(route=ROUTE.model_copy(update={"duration": 900.0}))
@@ -411,66 +358,12 @@ def test_what_would_be_known_without_satellites() -> None:
     assert flown({5, 10}).unaided(10.0) is None
 
 
-ROUND = 50.0**2 * np.eye(2)
-FAR = 78e3
-"""m."""
-
-
 def of_two(apart: float, wider: float = 100.0) -> Mixture:
     """Two states, the second north of the first by a distance (m), and of a larger covariance."""
     mixture = Mixture.of(FLIGHT.start.copy()).divided(np.log([0.9, 0.1]).tolist())
     mixture.states[1].position[0] += apart / 6.36e6
     mixture.states[1].covariance *= wider
     return mixture
-
-
-def test_others_are_told_of_the_most_uncertain_state():
-    mixture = of_two(1000.0)
-    one, (first, second) = mixture.merged, mixture.states
-    assert error_between(one, first)[0] == pytest.approx(100.0, rel=0.01)
-    P = second.covariance[:2, :2] + np.diag([900.0**2, 0.0])
-    np.testing.assert_allclose(one.covariance[:2, :2], P, rtol=0.02)
-    mixture.log_weights = np.log([1.0 - 0.5 * COVERED, 0.5 * COVERED])
-    mixed = 0.995 * first.covariance[1, 1] + 0.005 * second.covariance[1, 1]
-    assert mixture.merged.covariance[1, 1] == pytest.approx(mixed)
-
-
-@pytest.mark.parametrize("apart", [0.0, 100.0, 300.0])
-def test_a_position_and_its_information_say_the_same(apart):
-    """Probabilities are those of Bayes' rule, with the normal density of the innovation."""
-    fix = FLIGHT.fix(0, 60.0, -30.0)
-    off = np.array(horizontal_difference(*FLIGHT.start.position[:2], *fix))
-    M = np.zeros((4, 4))
-    M[:2, :2] = np.linalg.inv(ROUND)
-    place = Estimate(*(part.copy() for part in FLIGHT.start.estimate))
-    expected = []
-    for weight, state in zip((0.9, 0.1), of_two(apart).states, strict=True):
-        innovation = np.array(horizontal_difference(*fix, *state.position[:2]))
-        S = state.covariance[:2, :2] + ROUND
-        density = np.exp(-0.5 * innovation @ np.linalg.solve(S, innovation))
-        expected.append(weight * density / np.sqrt(np.linalg.det(S)))
-    for one in (
-        PositionFix(*fix, ROUND),
-        InformationUpdate(M @ np.array([*off, 0.0, 0.0]), M, place),
-    ):
-        mixture = of_two(apart)
-        assert mixture.update(one, FLIGHT.model).used
-        np.testing.assert_allclose(
-            np.exp(mixture.log_weights), np.array(expected) / np.sum(expected), rtol=0.01
-        )
-
-
-def test_the_state_that_foretold_a_fix_is_true():
-    far = PositionFix(FLIGHT.start.position[0] + FAR / 6.36e6, FLIGHT.start.position[1], np.eye(2))
-    mixture = of_two(FAR, 1.0)
-    assert mixture.update(far, FLIGHT.model).used
-    assert len(mixture.states) == 1
-    assert error_between(mixture.states[0], FLIGHT.start)[0] == pytest.approx(FAR, rel=0.01)
-    mixture, before = of_two(2.0 * FAR, 1.0), of_two(2.0 * FAR, 1.0)
-    assert mixture.update(far, FLIGHT.model).outcome is Outcome.REJECTED
-    np.testing.assert_array_equal(mixture.log_weights, before.log_weights)
-    for state, other in zip(mixture.states, before.states, strict=True):
-        np.testing.assert_array_equal(state.position, other.position)
 
 
 class Choosy:

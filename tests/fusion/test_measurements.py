@@ -37,7 +37,7 @@ from isogal.fusion.measurements.trust import AGREEING, INSISTS
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
-from isogal.inertial.error_state import BATCH, HORIZONTAL_STATES, batch_covariance
+from isogal.inertial.error_state import BATCH, HORIZONTAL_STATES
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Fusion, Gnss, HeadingAid, Height, Imu, Velocity
 
@@ -204,15 +204,6 @@ def test_what_cannot_be_used_changes_nothing(measurement, message):
     assert identical(state, before)
 
 
-def test_widening_adds_to_a_batchs_states_alone():
-    state, before = FLIGHT.start.copy(), FLIGHT.start
-    assert Widening(batch_covariance(30e3, 0.5, 1e-4, 0.0)).update(state, FLIGHT.model).used
-    change = np.sqrt(np.diag(state.covariance - before.covariance))
-    expected = [30e3, 30e3, 0, 0.5, 0.5, 0, 1e-4, 1e-4, *[0] * 7]
-    np.testing.assert_allclose(change, expected, rtol=1e-9)
-    assert state.contradicted
-
-
 # The gate
 
 
@@ -256,18 +247,6 @@ def test_a_fix_78_km_off_is_rejected_unless_it_is_to_be_believed(whole):
     assert not identical(state, FLIGHT.start)
 
 
-def test_weak_information_is_judged_by_what_it_does():
-    """A direction of which next to nothing is told implies a place far away."""
-    tiny = 1e-8 / sigma() ** 2
-    M = np.diag([tiny, tiny, 0.0, 0.0])
-    told = Information(np.array([1e-3 / sigma(), 0.0, 0.0, 0.0]), M)
-    state = FLIGHT.start.copy()
-    result = applied(Fix(0.0, 0.0, 0.0, np.eye(2), information=told), state)
-    assert result.used
-    assert result.nis > FLIGHT.model.gate(4)
-    assert np.hypot(*error_between(state, FLIGHT.start)[:2]) < 0.01 * sigma()
-
-
 # Height
 
 
@@ -309,19 +288,6 @@ def test_a_dvl_tells_the_velocity_and_knots_are_rejected():
     before = it.start.covariance[4, 4]
     assert state.covariance[4, 4] < 0.64 * before
     assert VelocityReading.of(DVL, np.full(3, np.nan)) is None
-
-
-def test_zero_variance_means_that_the_setting_counts():
-    def sigma_after(covariance):
-        it = fly(velocity=DVL)
-        body = matrix(it.start.attitude).T @ it.start.velocity
-        dvl(body, covariance=covariance).update(it.start, it.model)
-        return np.sqrt(it.start.covariance[3, 3])
-
-    default = sigma_after(None)
-    assert sigma_after(np.zeros((3, 3))) == default
-    assert sigma_after(np.eye(3) * DVL.number("sigma") ** 2) == pytest.approx(default)
-    assert sigma_after(np.eye(3) * 4.0) > 1.2 * default
 
 
 def test_a_contradicted_aid_is_used_again_once_it_has_agreed_for_a_while():

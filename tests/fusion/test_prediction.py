@@ -46,7 +46,6 @@ from isogal.scenario import (
 )
 from isogal.seeds import generator
 from isogal.sensors.imu import simulate_imu
-from isogal.sensors.imu_model import bias_sigma
 from isogal.sensors.trajectory import build_trajectory
 
 
@@ -224,24 +223,6 @@ def test_every_kind_equals_a_filter_with_sigma_points_for_all_states(count, grav
 
 
 @pytest.mark.parametrize("filter_name", ["compiled", "reference"])
-def test_gravity_states_go_by_what_has_been_learnt(filter_name):
-    """A navigator whose residual gravity was learnt propagates as under a model that knows it; one
-    of which nothing was learnt as under its own."""
-    assumed = (AuxiliaryState("gravity_north", "gravity", 0, 2e-5, length=4e3), SPARE)
-    true = (AuxiliaryState("gravity_north", "gravity", 0, 2e-4, length=9e3), SPARE)
-    flight, ends = fly(), []
-    for each, residual in ((assumed, (2e-4, 9e3)), (true, (0.0, 0.0)), (assumed, (0.0, 0.0))):
-        state = start(with_states(assumed))
-        state.residual_gravity[:] = residual
-        propagate(state, with_states(each, filter_name), *flight.samples(0, 20))
-        ends.append(state)
-    learnt, known, plain = ends
-    assert known.covariance[15, 15] > 1.5 * plain.covariance[15, 15]
-    np.testing.assert_array_equal(learnt.covariance, known.covariance)
-    np.testing.assert_array_equal(learnt.position, known.position)
-
-
-@pytest.mark.parametrize("filter_name", ["compiled", "reference"])
 def test_no_place_is_learnt_from_slopes_of_the_gravity_map(filter_name):
     """A navigator that does not know its place takes off gravity of elsewhere, which a velocity
     aid would show: what is left may be so much more, and says nothing of the place."""
@@ -338,16 +319,6 @@ def test_heights_with_the_inertial_data_equal_readings_of_their_own(filter_):
     assert identical(wrong, without)
 
 
-def test_turn_rate_is_relative_to_the_earth():
-    """Level on a meridian, nose north: the Earth's rate is along the nose and upwards."""
-    state = fly().start
-    state.attitude[:], state.gyroscope_bias[:] = [1.0, 0.0, 0.0, 0.0], [1e-6, 2e-6, 3e-6]
-    latitude = state.position[0]
-    of_earth = EARTH_RATE * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
-    measured = np.array([0.1, 0.2, 0.3]) + of_earth + [1e-6, 2e-6, 3e-6]
-    np.testing.assert_allclose(state.turn_rate(measured), [0.1, 0.2, 0.3], rtol=1e-12)
-
-
 ROUND = (
     "[[-36,146,30],[-36.0,146.2,30],[-36.1,146.2,30],[-36.1,146.0,30],[-36.0,146.0,30],"
     "[-36.0,146.2,30]]"
@@ -364,17 +335,6 @@ def test_states_are_those_of_the_data_sheet():
     tilt = made["gyroscope_scale_yz"]
     assert (tilt.enters, tilt.axis, tilt.source) == ("gyroscope_scale", 1, 2)
     assert tilt.sigma == pytest.approx(20.0 * np.pi / 648000.0)
-
-
-def test_what_a_level_vehicle_feels_all_the_time_is_a_bias():
-    imu = Imu(
-        accelerometer={"misalignment": "20arcsec", "scale_factor": "100ppm"},
-        gyroscope={"g_sensitivity": "0.1deg/h/g"},
-    )
-    sigma = bias_sigma(imu.sensors)
-    np.testing.assert_allclose(sigma[:2], 9.80665 * 20.0 * np.pi / 648000.0, rtol=1e-4)
-    assert sigma[2] == pytest.approx(9.80665e-4)
-    np.testing.assert_allclose(sigma[3:], np.radians(0.1) / 3600.0, rtol=1e-3)
 
 
 def unaided(scenario, model):

@@ -1,11 +1,9 @@
-"""The protection level: its risk against numerical integration, its limits, and exceedances of
-simulated errors."""
+"""The protection level: its risk against numerical integration, and its limits."""
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from isogal.evaluation.integrity import excursions
 from isogal.fusion.protection_level import (
     FREEDOM,
     HOUR,
@@ -61,24 +59,3 @@ def test_what_is_no_covariance_promises_nothing_and_none_has_no_error(covariance
 def test_a_risk_that_is_no_rare_event_is_refused(risk, time):
     with pytest.raises(ValueError, match="risk x correlation time"):
         protection_level(np.eye(2), risk, time)
-
-
-def test_simulated_errors_exceed_it_as_often_as_stated():
-    """Gauss-Markov errors of the claimed covariance, with the tails that the level allows for,
-    4,000 h in states 10 s apart. Above the level between states they are not seen, and the level
-    errs on the safe side by a third at most, so between 0.5 and 1 of the risk is expected; 400 x
-    0.7 +- 3 sigma is 0.57 to 0.83, and 40 x 0.7 is 0.3 to 1.1."""
-    runs, states, step, time, minor = 250, 5760, 10.0, 1000.0, 0.3
-    random = np.random.default_rng(11)
-    keep = np.exp(-step / time)
-    error = random.standard_normal((runs, states, 2))
-    error[:, 1:] *= np.sqrt(1.0 - keep**2)
-    for k in range(1, states):
-        error[:, k] += keep * error[:, k - 1]
-    wide = np.sqrt(INFLATION * FREEDOM / random.chisquare(FREEDOM, runs))
-    distance = np.hypot(error[..., 0], minor * error[..., 1]) * wide[:, None]
-    hours = runs * states * step / HOUR
-    for risk, low, high in ((0.1, 0.5, 0.9), (0.01, 0.3, 1.1)):
-        level = protection_level(np.diag([1.0, minor**2]), risk, time)
-        events = excursions(distance > level, np.arange(states) * step, time).sum()
-        assert low < events / hours / risk < high

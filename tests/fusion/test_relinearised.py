@@ -3,30 +3,18 @@
 import numpy as np
 import pytest
 
-from helpers.batches import field_map_of, wavy
 from helpers.navigators import ROUTE, fly
 from helpers.route_maps import field
 from isogal.fusion.measurements.map_reading import MapReading, linear_map
 from isogal.maps.field_map import FieldMap
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 60.0}))
-WAVY = field_map_of(wavy)
 
 
 def places(field_map: FieldMap, count: int) -> tuple[np.ndarray, np.ndarray]:
     middle = [float(np.mean(axis)) for axis in (field_map.latitude, field_map.longitude)]
     shift = np.linspace(-1e-4, 1e-4, count)
     return middle[0] + shift, middle[1] - shift
-
-
-def test_where_the_place_is_known_it_is_the_map_and_its_gradient() -> None:
-    latitude, longitude = places(WAVY, 7)
-    known = np.tile(np.eye(2) * 1e-2, (7, 1, 1))
-    found = linear_map(WAVY, latitude, longitude, known)
-    value, north, east = WAVY.value_and_gradient(latitude, longitude)
-    np.testing.assert_allclose(found.value, value, atol=1e-10)
-    np.testing.assert_allclose(found.slope, np.stack([north, east], -1), rtol=1e-3, atol=1e-12)
-    assert found.left.max() < 1e-16
 
 
 def test_where_it_is_not_it_is_the_regression_over_all_places() -> None:
@@ -41,12 +29,6 @@ def test_where_it_is_not_it_is_the_regression_over_all_places() -> None:
     np.testing.assert_allclose(found.slope[:, 0], north, atol=2e-10)
     np.testing.assert_allclose(found.slope[:, 1], east, rtol=1e-2)
     np.testing.assert_allclose(found.left, 2.0 * (bend * 300.0**2) ** 2, rtol=0.02)
-
-
-def test_off_the_map_there_is_no_number() -> None:
-    latitude, longitude = places(WAVY, 2)
-    found = linear_map(WAVY, latitude + 0.1, longitude, np.tile(np.eye(2), (2, 1, 1)))
-    assert np.isnan(found.value).all()
 
 
 def test_a_reading_moves_the_navigator_along_the_gradient() -> None:

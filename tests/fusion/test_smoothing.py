@@ -22,7 +22,6 @@ from isogal.fusion.prediction import propagate
 from isogal.fusion.smoothed_track import SmoothedTrack, as_csv, as_geojson, as_gpx, write_smoothed
 from isogal.fusion.trace import Trace
 from isogal.inertial.error_state import BATCH, batch_covariance
-from isogal.scenario import Gravity, Height, Velocity
 
 DURATION = 120
 SHORT = ROUTE.model_copy(update={"duration": float(DURATION)})
@@ -91,38 +90,6 @@ def flown(schedule) -> InertialNavigator:
             it.measure(float(stamp), made(what, stamp))
     advance(it, DURATION)
     return it
-
-
-FLIGHTS = {
-    "plain": FLIGHT,
-    "auxiliary": fly(
-        route=SHORT,
-        gravity=Gravity(field="normal", residual_sigma=1e-4, residual_correlation_length=1000.0),
-        velocity=Velocity(kind="dvl", current_sigma=0.3),
-    ),
-    "barometer": fly(route=SHORT, height=Height(source="barometer")),
-}
-
-
-@pytest.mark.parametrize("name", FLIGHTS)
-def test_the_trace_reproduces_the_forward_covariance(name) -> None:
-    """P' = F P F' + Q with F from the cross-covariance and noise that is no less than that of the
-    sensors, and the same numbers as without a trace."""
-    flight = FLIGHTS[name]
-    plain, traced = flight.start.copy(), flight.start.copy()
-    trace, samples = Trace.of(60, len(plain.covariance)), flight.samples(0, 60)
-    track = propagate(plain, flight.model, *samples)
-    np.testing.assert_array_equal(propagate(traced, flight.model, *samples, None, trace), track)
-    assert identical(plain, traced)
-    np.testing.assert_array_equal(trace.filtered[-1], traced.covariance)
-    before = [flight.start.covariance, *trace.filtered[:-1]]
-    expected = np.array(flight.model.noise[:3]).min() ** 2
-    for P, C, after in zip(before, trace.cross, trace.predicted, strict=True):
-        sigma = np.sqrt(np.diag(after))
-        F = np.linalg.solve(scaled(P, sigma), scaled(C, sigma)).T
-        noise = scaled(after, sigma) - F @ scaled(P, sigma) @ F.T
-        assert np.linalg.eigvalsh(noise).min() > -1e-9
-        assert (np.diag(noise)[3:6] * sigma[3:6] ** 2).min() > 0.99 * expected
 
 
 def free(until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

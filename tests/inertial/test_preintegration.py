@@ -1,9 +1,7 @@
-"""Fast samples brought to the strapdown's rate: against rotations by SciPy, analytic coning and
-sculling, and the strapdown at the fast rate."""
+"""Fast samples brought to the strapdown's rate: against analytic coning and the
+strapdown at the fast rate."""
 
 import numpy as np
-import pytest
-from scipy.spatial.transform import Rotation
 
 from isogal.earth.frames import horizontal_difference
 from isogal.inertial.error_state import Estimate
@@ -45,71 +43,6 @@ def coning(angle, frequency):
         return np.stack([-s * np.sin(omega * t), s * np.cos(omega * t), down + 0.0 * t], axis=-1)
 
     return attitude, rate
-
-
-@pytest.mark.parametrize("angle", [np.radians(0.1), np.radians(1.0), np.radians(5.0)])
-def test_coning_drift_is_the_analytic_one_without_and_none_with_the_correction(angle):
-    frequency, fast = 10.0, 200.0
-    attitude, rate = coning(angle, frequency)
-    samples = means(rate, fast, 60.0)
-    duration, ends = regular(fast, 60.0)
-    drift = 2.0 * np.pi * frequency * (1.0 - np.cos(angle))
-    plain = samples.sum(axis=0) / fast
-    assert plain[2] == pytest.approx(-drift * 60.0, rel=1e-9)
-    _, mean = preintegrate(np.zeros((1, *samples.shape)), samples[None], duration, ends)
-    turned = Rotation.from_rotvec(attitude(np.zeros(1))[0])
-    for one in mean[0]:
-        turned = turned * Rotation.from_rotvec(one)
-    left = (Rotation.from_rotvec(attitude(np.zeros(1))[0]).inv() * turned).as_rotvec()
-    # what is left is known as well: Omega theta² (Omega h)^4 / 960 for h = 2 T, the two samples
-    # that the rate within one is taken from (Titterton & Weston 2004, section 11.3)
-    residual = drift * 60.0 * (2.0 * np.pi * frequency / fast) ** 4 / 30.0
-    assert np.linalg.norm(left) == pytest.approx(residual, rel=0.05)
-
-
-def reference(force, rate, duration, parts=200):
-    """Rotation and velocity increment of one interval of samples, each constant, by SciPy with
-    so many parts of each sample."""
-    turned, velocity = Rotation.identity(), np.zeros(3)
-    for f, w, t in zip(force, rate, duration, strict=True):
-        part = Rotation.from_rotvec(w * t / parts)
-        half = Rotation.from_rotvec(0.5 * w * t / parts)
-        for _ in range(parts):
-            velocity += (turned * half).apply(f * t / parts)
-            turned = turned * part
-    return turned.as_rotvec(), velocity
-
-
-def made_of(force, rate, seconds):
-    """What the strapdown's step makes of a mean force and rate."""
-    a, u = rate * seconds, force * seconds
-    cross = np.cross(a, u)
-    return u + 0.5 * cross + np.cross(a, cross) / 6.0
-
-
-def test_correction_within_a_sample_with_unequal_durations():
-    """Rate and force that change linearly: the corrections are exact to third order."""
-
-    def rate(t):
-        return np.array([0.2, 0.3, 0.1]) + np.outer(t, [1.0, -2.0, 0.5])
-
-    def force(t):
-        return np.array([3.0, 1.0, -9.0]) + np.outer(t, [-4.0, 2.0, 1.0])
-
-    edges = np.array([0.0, 0.03, 0.05])
-    duration = np.diff(edges)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    samples = force(middle)[None], rate(middle)[None]  # means of linear functions
-    f, w = preintegrate(*samples, duration, np.array([1, 2]))
-    fine = np.linspace(edges[1], edges[2], 2001)
-    between = 0.5 * (fine[1:] + fine[:-1])
-    phi, velocity = reference(force(between), rate(between), np.diff(fine), parts=1)
-    np.testing.assert_allclose(w[0, 0] * duration[1], phi, rtol=0, atol=2e-9)
-    made = made_of(f[0, 0], w[0, 0], duration[1])
-    np.testing.assert_allclose(made, velocity, rtol=0, atol=2e-7)
-    # without the sample before, the corrections within the sample are missing
-    _, alone = preintegrate(*(one[:, 1:] for one in samples), duration[1:], np.array([0, 1]))
-    assert np.abs(alone - w).max() * duration[1] > 1e-7
 
 
 def test_turns_are_as_right_at_1_hz_of_50_hz_samples_as_of_means():

@@ -1,13 +1,10 @@
 """Scans to batches: when one is due, and that its transition is what the strapdown does to a wrong
 navigator; readings that are late and filtered; horizontal gravity that nothing takes off."""
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from helpers.batches import ORIGIN, field_map_of, wavy
@@ -15,33 +12,19 @@ from helpers.navigators import ROUTE, random_covariance
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.fields.gravity import DISTURBANCE
-from isogal.fields.known_gravity import KnownGravity, Residual
-from isogal.fields.map_error import TrueMapError
 from isogal.fields.simulator import ReadingSimulator
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.strapdown import propagate
 from isogal.matching.batching import BatchBuilder, fix_due
-from isogal.matching.expansion import Soundings
-from isogal.matching.interfaces import Fix
-from isogal.matching.joint_batches import JointBatches
-from isogal.matching.pmht.late import sensed
 from isogal.matching.pmht.matcher import Pmht
-from isogal.matching.pmht.rows import rows_of
-from isogal.matching.pmht.states import States
-from isogal.matching.reading_noise import of_vehicle
 from isogal.matching.residual_gravity import ResidualGravity
-from isogal.matching.scans import Collected, Scan, Scans
+from isogal.matching.scans import Scan
 from isogal.matching.transitions import carried
 from isogal.scenario import (
-    Altimeter,
     Gravimeter,
-    Height,
-    MapError,
     Matcher,
     Scenario,
-    changed_scenario,
 )
-from isogal.sensors.altimeter import TerrainReduction
 from isogal.sensors.gravimeter import (
     DisturbanceReduction,
     GravityReduction,
@@ -153,22 +136,6 @@ def test_transition_is_what_the_strapdown_does(name, trajectory):
     np.testing.assert_allclose((then - actual[19]) / size, 0.0, atol=1.0 if straight else 30.0)
 
 
-def test_what_xi_explains_and_the_drift_make_up_the_navigators_covariance():
-    """Covariance of the errors at the scans, and with xi, as from the joint prior: nothing lost,
-    nothing counted twice."""
-    prior = random_covariance(PRIOR_SIGMA, 1)
-    batch = builder_of(flown(TRAJECTORY)).build(prior)
-    back = batch.by_error[:, :2]
-    np.testing.assert_array_equal(batch.prior, 0.5 * (prior + prior.T)[:4, :4])
-    joint = back @ prior @ back.transpose(0, 2, 1)
-    split = batch.transition @ prior[:4, :4] @ batch.transition.transpose(0, 2, 1)
-    rest = batch.nuisance[:, :2]
-    split += rest @ rest.transpose(0, 2, 1)
-    np.testing.assert_allclose(split, joint, rtol=1e-9, atol=1e-6)
-    with_xi = batch.transition @ prior[:4, :4], back @ prior[:, :4]
-    np.testing.assert_allclose(*with_xi, rtol=1e-9, atol=1e-6)
-
-
 @pytest.mark.parametrize("reduction", [GRAVITY, DisturbanceReduction()])
 def test_wrong_readings_are_wrong_by_the_jacobian_and_correcting_makes_them_right(reduction):
     it, truth = flown(TRAJECTORY, ERRORS["all"]), flown(TRAJECTORY)
@@ -214,17 +181,6 @@ def test_scans_come_out_as_they_went_in():
     assert batch.new == SCANS
 
 
-def test_soundings_of_several_beams_come_out_less_their_offset():
-    it, beams = flown(TRAJECTORY), Soundings(2, 0.0)
-    builder = BatchBuilder(Matcher(), TerrainReduction(Altimeter()), expansion=beams)
-    builder.correct(10.0, np.ones(7))  # of nothing
-    for t, (place, speed) in enumerate(zip(it.position, it.velocity, strict=True)):
-        heights = np.array([[100.0, 0.0, 0.0, 50.0], [90.0, 30.0, 0.0, 50.0]])
-        builder.add_scan(10.0 * (t + 1), *place, speed, heights, 1.0, 7.0)
-    batch = builder.build(INDEPENDENT)
-    np.testing.assert_array_equal(batch.reading, np.tile([93.0, 83.0], SCANS))
-
-
 def across_a_gap(before: np.ndarray, after: np.ndarray):
     """A batch of ten scans 10 s apart, with a gap from 42 s to 66 s; the covariances (7, 7) at
     both ends."""
@@ -261,71 +217,6 @@ def test_a_gap_in_the_inertial_data_leaves_the_scans_before_it_what_they_were():
     assert abs(shift) * 6.36e6 < 0.2 * 8.0 * 70.0
 
 
-def test_readings_before_a_gap_before_the_last_are_given_up():
-    P = random_covariance(PRIOR_SIGMA, 1)
-    builder = across_a_gap(P, 4.0 * P)
-    builder.bridge(92.0, P, 104.0, 4.0 * P)
-    readings = [scan.reading for scan in builder.collected.scans]
-    assert np.isnan(readings[:6]).all()
-    assert np.isfinite(readings[6:]).all()
-    again = BatchBuilder(Matcher(batch_length=10, stride=10), GRAVITY)
-    again.restore(builder.collected)
-    assert again.build(P).cut == 10
-
-
-def test_what_errors_of_a_measured_height_change_by_is_not_the_vehicle_s() -> None:
-    time, rng = 5.0 * np.arange(30), np.random.default_rng(3)
-    barometer = Height(source="barometer", sigma=0.5, weather_sigma=5.0)
-    walk = np.cumsum(rng.normal(0.0, math.sqrt(2.0 * 5.0**2 / 7200.0 * 5.0), time.shape))
-    errors = walk + 0.3 * rng.standard_normal(time.shape)
-    for climbing in (0.0, 2.0):
-        seen = of_vehicle(barometer, time, 100.0 + climbing * time + errors)
-        np.testing.assert_allclose(np.diff(seen, 2), 0.0, atol=1e-9)  # a straight line
-        assert seen[-1] - seen[0] == pytest.approx(climbing * time[-1], abs=2.0)
-    dive = -np.clip(time - 60.0, 0.0, 40.0)  # of 40 m, which ends
-    assert np.abs(of_vehicle(barometer, time, dive + errors) - dive - errors).max() < 2.0
-    known = Height()
-    assert of_vehicle(known, time, errors) is errors
-
-
-def test_changes_of_a_measured_height_may_be_errors_but_not_a_climb() -> None:
-    """What readings have beside white noise, per unit of the share that is error: all that the
-    height has changed by, but of a climb no more than three 1-sigmas of its errors."""
-    sensor = {"source": "barometer", "sigma": 0.3, "bias": 0.0, "scale": 0.0, "weather_sigma": 0.4}
-    builder = BatchBuilder.of(
-        Scenario(
-            matcher=Matcher(batch_length=5),
-            height=Height(**sensor),
-            gravimeter=Gravimeter(quantity="disturbance"),
-        )
-    )
-    for t, height in enumerate([100.0, 101.0, 99.0, 200.0, 199.5]):
-        place = 10.0 * (t + 1), -0.6, 2.5, np.array([10.0, 10.0])
-        builder.add_scan(*place, 0.0, 1e-5, height=height)
-    states = builder.build(np.eye(7)).instrument.parameters
-    assert states is not None
-    column = states.reading[:, states.names.index("height_change")]
-    weather = states.reading[:, states.names.index("height_weather")]
-    np.testing.assert_allclose(column / weather, [0.0, 1.0, -1.0, 1.5, 1.0], rtol=1e-9)
-
-
-def test_two_sensors_of_the_height_leave_less_of_their_errors():
-    """Readings are off by what the weighted mean of both heights is off by."""
-    keys = {"source": "barometer", "bias": 3.0, "scale": 0.0, "weather_sigma": 6.0}
-    scenario = Scenario(matcher=Matcher(batch_length=2), height=Height(**keys))
-    second = {"name": "aft", "bias": 4.0, "scale": 0.0, "weather_sigma": 0.0}
-    both = changed_scenario(scenario, [f"heights=[{second}]"], "test")
-    found = []
-    for one in (scenario, both):
-        builder = BatchBuilder.of(one)
-        for t in range(2):
-            builder.add_scan(10.0 * (t + 1), -0.6, 2.5, np.array([10.0, 10.0]), 9.8, 1e-5)
-        states = builder.build(np.eye(7)).instrument.parameters
-        found.append(dict(zip(states.names, states.sigma, strict=True)))
-    assert found[0] == {"height_bias": 3.0, "height_weather": 6.0, "height_change": 1.0}
-    assert found[1] == {"height_bias": pytest.approx(2.4), "height_change": 1.0}
-
-
 SIGMA, SPEED, SPAN = 2e-4, 22.0, 600.0
 TIMES = np.arange(0.0, SPAN + 1.0, 20.0)
 VELOCITY = np.tile([0.6 * SPEED, 0.8 * SPEED], (len(TIMES), 1))
@@ -356,50 +247,6 @@ def test_covariance_is_that_of_the_process_integrated(length: float) -> None:
     small = ResidualGravity(0.05 * SIGMA, length)
     assert small.apart(VELOCITY, TIMES, SPAN, PRIOR).shape == (31, 7, 0)
     assert small.apart(VELOCITY, TIMES, SPAN, PRIOR / 100.0).shape[2] > 0
-
-
-def build(sigma: float):
-    builder = BatchBuilder(Matcher(batch_length=20, stride=10), GRAVITY, context=10)
-    builder.gravity = ResidualGravity(sigma, 20_000.0)
-    for k, (time, velocity) in enumerate(zip(TIMES, VELOCITY, strict=True)):
-        builder.add_scan(time, -0.6, 2.4 + 1e-7 * time, velocity, 0.0, 1e-5)
-        if k == 20:
-            builder.build(PRIOR)
-    return builder.build(PRIOR)
-
-
-def test_a_batch_has_it_beside_the_attitude() -> None:
-    without, batch = build(0.0), build(SIGMA)
-    assert without.nuisance.shape[2] == 3
-    count = batch.nuisance.shape[2]
-    assert count > 3
-    np.testing.assert_array_equal(batch.nuisance[..., :3], without.nuisance)
-    # the first scan is 580 s before the end: half of that squared, 34 m, a little less for the
-    # process does not stay as it is
-    moved = np.sqrt((batch.nuisance[0, :2, 3:] ** 2).sum(axis=1))
-    np.testing.assert_allclose(moved, 0.5 * SIGMA * 580.0**2, rtol=0.15)
-
-
-def test_batches_go_by_the_map_error_that_a_fix_tells() -> None:
-    def fresh() -> JointBatches:
-        builder = BatchBuilder(Matcher(batch_length=20, stride=10), GRAVITY)
-        return JointBatches([builder], gravity=known)
-
-    known = KnownGravity(residual=Residual(0.0, 1.0), map_sigma=2e-5)
-    batches = fresh()
-    first = batches.builders[0].gravity
-    assert first == ResidualGravity.of(known)
-    fix = Fix(0.0, 0.0, 0.0, np.eye(2))
-    batches.learn(fix)
-    assert batches.builders[0].gravity == first
-    batches.learn(replace(fix, map_error=(8e-5, 3e3)))
-    learnt = batches.builders[0].gravity
-    assert learnt == ResidualGravity(pytest.approx(np.hypot(8e-5 / np.sqrt(2.0), 1e-6)), 3e3)
-    again = fresh()
-    again.restore(batches.collected)  # a checkpoint keeps it
-    assert again.builders[0].gravity == learnt
-    again.restore([Collected((), 0, 0)])  # a new beginning forgets it
-    assert again.builders[0].gravity == first
 
 
 START = tuple(np.degrees(ORIGIN))
@@ -481,25 +328,6 @@ def test_a_late_reading_is_the_map_s_value_where_the_vehicle_was(delay, filter_t
     assert other.instrument.filter_time == filter_time
 
 
-def test_rows_have_what_a_delay_nobody_tells_of_does_in_a_turn():
-    """70 mGal are added more, or less, after the turn; a straight line into the past is 100 m
-    off."""
-    batch, _ = batch_of(scenario(delay=20.0), told=False)
-    states = States.of(batch, MAP)
-    rows, _ = rows_of(batch, MAP, states, np.array([4000.0]), None)
-    assert rows is not None
-
-    def foretold(age):
-        place = zip(rows.latitude, rows.longitude, strict=True)
-        return [sensed(MAP.grid, rows.past, t, *at, 0, age)[0] for t, at in enumerate(place)]
-
-    residual = rows.level - foretold(20.0)
-    assert np.abs(residual).max() < 2e-5
-    assert np.median(np.abs(residual)) < 1e-7
-    assert np.abs(rows.level - foretold(0.0)).max() > 2e-4
-    assert np.abs(residual).max() < 0.2 * np.abs(rows.level - foretold(15.0)).max()
-
-
 def test_the_posterior_is_at_the_navigator_s_error():
     """Late, filtered or both: also far from where the navigator believes to be, where no straight
     line stands for the map."""
@@ -513,58 +341,7 @@ def test_the_posterior_is_at_the_navigator_s_error():
         assert np.sqrt(np.trace(fix.covariance)) < 40.0
 
 
-def test_map_error_between_scans_is_a_gauss_markov_process():
-    it = scenario(route={"start": START, "end": (-36.4, 147.2), "duration": 200.0})
-    it = it.model_copy(update={"map_error": MapError(sigma=1.0, correlation_length=500.0)})
-    trajectory = build_trajectory(it)
-    runs = 4000
-    step = np.exp(-220.0 / 500.0)
-    random = np.random.default_rng(2)
-    at_scans = np.empty((runs, 20))
-    at_scans[:, 0] = random.standard_normal(runs)
-    for k in range(1, 20):
-        fresh = np.sqrt(1.0 - step**2) * random.standard_normal(runs)
-        at_scans[:, k] = step * at_scans[:, k - 1] + fresh
-    drawn = TrueMapError(it, trajectory, np.arange(10, 201, 10), range(runs))
-    error = drawn.between(at_scans)
-    np.testing.assert_array_equal(error[:, 10:201:10], at_scans)
-    which = [0, 3, 10, 14, 17, 25, 61]
-    distance = 22.0 * np.abs(np.subtract.outer(which, which))
-    measured = error[:, which].T @ error[:, which] / runs
-    np.testing.assert_allclose(measured, np.exp(-distance / 500.0), atol=5.0 * np.sqrt(2 / runs))
-
-
 def scan(k: int, channels: int = 0) -> Scan:
     reading = 0.1 * k if not channels else np.arange(2.0 * channels).reshape(channels, 2) + k
     velocity = np.array([10.0 + k, -k])
     return Scan(10.0 * k, -0.6, 2.5 + 1e-6 * k, velocity, reading, 1.0, 0.5 * k, 100.0 + k)
-
-
-def scans_of(most: int, channels: int) -> Scans:
-    return Scans(most, (channels, 2)) if channels else Scans(most)
-
-
-@given(most=st.integers(1, 7), added=st.integers(1, 40), channels=st.integers(0, 2))
-def test_the_last_scans_are_kept_in_their_order(most: int, added: int, channels: int) -> None:
-    scans, plain = scans_of(most, channels), [scan(k, channels) for k in range(added)]
-    scans.extend(plain)
-    kept = plain[-most:]
-    assert len(scans) == len(kept)
-    assert scans.last(most + 30) == scans.every
-    latitude, longitude, velocity, times = scans.track(scans.every)
-    np.testing.assert_array_equal(times, [one.time for one in kept])
-    np.testing.assert_array_equal(latitude, [one.latitude for one in kept])
-    np.testing.assert_array_equal(longitude, [one.longitude for one in kept])
-    np.testing.assert_array_equal(velocity, [one.velocity for one in kept])
-    readings = np.array([one.reading for one in kept]).reshape(len(kept), *scans.shape)
-    np.testing.assert_array_equal(scans.readings(scans.every), readings)
-    np.testing.assert_array_equal(scans.offsets(scans.every), [one.offset for one in kept])
-    np.testing.assert_array_equal(scans.heights(scans.every), [one.height for one in kept])
-    for k in (0, len(kept) - 1, -1):
-        one, same = scans[k], kept[k]
-        assert (one.time, one.offset, one.height) == (same.time, same.offset, same.height)
-        np.testing.assert_array_equal(one.velocity, same.velocity)
-        np.testing.assert_array_equal(one.reading, same.reading)
-    scans.forget_readings(kept[-1].time)  # of those before a gap
-    there = np.isfinite(scans.readings(scans.every)).all(axis=(1, 2))
-    np.testing.assert_array_equal(there, [False] * (len(kept) - 1) + [True])

@@ -75,29 +75,6 @@ def test_a_field_without_readings_says_nothing():
     np.testing.assert_allclose(fix.information.matrix, expected.information.matrix, rtol=1e-9)
 
 
-def test_what_one_field_leaves_open_the_other_decides():
-    """A field that repeats itself every 1.5 km leaves two places; another knows which."""
-
-    def repeating(north, east):
-        return 2e-4 * np.sin(2 * np.pi * np.asarray(north) / 1500.0) + 2e-4 * np.sin(
-            2 * np.pi * np.asarray(east) / 1500.0
-        )
-
-    twice, error = field_map_of(repeating), (1000.0, 400.0, 0.0, 0.0)
-    keys = {"prior_sigma": (480.0, 0.01), "scans": 30}
-    first, _ = make_batch(twice, error, seed=1, **keys)
-    second, truth = make_batch(SECOND, error, seed=2, sigma=3e-5, **keys)
-    open_, _ = alone().match(first, twice, None)
-    fix, memory = joint().match(beside(first, second), twice, None)
-    spread = [np.sqrt(np.trace(posterior_of(one, first.prior)[1][:2, :2])) for one in (open_, fix)]
-    assert spread[0] > 300.0
-    assert spread[1] < 0.3 * spread[0]
-    assert np.hypot(*truth.error_of(fix)) < 100.0
-    # what the second has told is known to the hypotheses of the first
-    sigmas = [np.sqrt(np.trace(memory.fields[k].bank.moments()[1][:2, :2])) for k in (0, 1)]
-    assert sigmas[0] < 20.0
-
-
 def test_each_field_learns_its_own_map_s_error():
     """The second map is far worse than the first; nothing is told."""
     memory, matcher = None, joint(settings(map_sigma="auto"), settings(map_sigma="auto"))
@@ -208,17 +185,3 @@ def test_channels_must_lie_on_one_grid():
         ChannelMap([DISTURBANCE, replace(DISTURBANCE, unit="nT")])
     with pytest.raises(InputError, match="at least one channel"):
         ChannelMap([])
-
-
-def test_noise_worse_than_told_does_not_send_the_navigator_away():
-    """Many noisy readings fit somewhere else by chance: five times the noise told, which is half
-    of what the map changes."""
-    matcher = Pmht.from_settings(Matcher())
-    told = (35.0 * EOTVOS) ** 2 * np.eye(C)
-    for seed in range(2):
-        good, noisy = (
-            tensor_batch(seed=seed, covariance=factor * told, prior_sigma=(50.0, 0.02))[0]
-            for factor in (1.0, 25.0)
-        )
-        fix, _ = matcher.match(replace(good, reading=noisy.reading), TENSOR, None)
-        assert not fix.reset, fix.reason

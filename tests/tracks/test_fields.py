@@ -8,7 +8,6 @@ import pytest
 
 from helpers.batches import field_map_of, wavy
 from helpers.tracks import field_of, made_track
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.scenario import Matcher
@@ -20,7 +19,6 @@ DISTURBANCE = field_of("disturbance")
 ERROR = (700.0, -500.0)
 PRIOR = Uncertainty(position=800.0)
 DRIFTING = Uncertainty(position=800.0, velocity=0.1)
-WIDE = np.diag([800.0**2, 800.0**2, 0.1**2, 0.1**2])
 BATCH = Matcher(batch_length=40, map_sigma=1e-6, bias_sigma=0.0, options={"trust": 1.0})
 
 
@@ -114,19 +112,3 @@ def test_readings_near_the_edge_of_the_map_are_left_out(sigma, least, kept):
     found = np.isfinite(on_map(batch, DISTURBANCE, least).reading)
     assert found.sum() == pytest.approx(kept, abs=1)
     assert found[: kept - 1].all()
-
-
-def test_a_batch_is_moved_by_the_error_known_so_far():
-    track, _, _ = made_track(DISTURBANCE, reduction="latitude")
-    error, rows = np.array([300.0, -200.0, 0.5, -0.25]), slice(5, 35)
-    batch = TrackField("gravity", track, DISTURBANCE).batch(rows, 20, error, WIDE)
-    assert (len(batch), batch.new) == (30, 20)
-    elapsed = track.time[rows] - track.time[34]
-    moved = error[:2] + np.outer(elapsed, error[2:])
-    places = np.array([track.latitude[rows], track.longitude[rows]])
-    found = (places - [batch.latitude, batch.longitude]) * metres_per_radian(places[0])
-    np.testing.assert_allclose(found.T, moved, rtol=1e-6)
-    np.testing.assert_allclose(batch.transition @ error, moved)
-    np.testing.assert_allclose(batch.velocity, track.velocity[rows] - error[2:])
-    expected = track.value[rows] - track.jacobian("disturbance")[rows, 0] * moved[:, 0]
-    np.testing.assert_allclose(batch.reading, expected, rtol=1e-12)

@@ -59,16 +59,6 @@ def test_an_error_in_proportion_to_the_gradient():
     assert np.corrcoef(found, drawn)[0, 1] > 0.9
 
 
-def test_gradient_of_a_plane_also_at_edges_and_round_holes():
-    plane = field_map_of(lambda north, east: 3e-8 * north + 4e-8 * east)
-    np.testing.assert_allclose(rms_gradient(plane), 5e-8, rtol=0.01)
-    values = plane.values.copy()
-    values[80:160, 80:160] = np.nan
-    holed = rms_gradient(replace(plane, values=values))
-    assert np.isnan(holed[120, 120])
-    np.testing.assert_allclose(holed[np.isfinite(holed)], 5e-8, rtol=0.01)
-
-
 def test_tracks_off_the_map_cannot_be_used():
     track, _, _ = made_track(FIELD)
     with pytest.raises(InputError, match="no reference track lies on the map"):

@@ -10,7 +10,7 @@ from isogal.evaluation.figures import style
 from isogal.matching.interfaces import declined
 from isogal.scenario import Matcher
 from isogal.tracks.fields import TrackField
-from isogal.tracks.figures import readings_figure, track_map_figure
+from isogal.tracks.figures import track_map_figure
 from isogal.tracks.match_report import write_match_report
 from isogal.tracks.matching import Uncertainty, match_fields, match_track
 
@@ -35,14 +35,6 @@ def test_map_shows_the_track_and_its_fixes(step):
         assert low < np.degrees(place).min() <= np.degrees(place).max() < high
     (dots,) = [line for line in panel.lines if line.get_marker() == "o"]
     assert len(dots.get_xdata()) == sum(match.fix.published for match in matches) > 0
-
-
-def test_readings_agree_with_the_map_along_the_matched_track():
-    track, _, _ = made_track(HEIGHT, error=(500.0, -400.0), sigma=5.0)
-    figure = readings_figure(track, HEIGHT, match_track(track, HEIGHT, TOLD, PRIOR))
-    recorded, matched = (line.get_ydata() for line in figure.axes[1].lines[:2])
-    assert np.std(matched) < 10.0 < 5.0 * np.std(recorded)
-    assert figure.axes[0].get_ylabel() == "Height\n(m)"
 
 
 class Decliner:

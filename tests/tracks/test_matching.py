@@ -15,9 +15,7 @@ from isogal.evaluation.consistency import chi_square_interval, nees_per_axis
 from isogal.matching.interfaces import declined
 from isogal.scenario import Matcher
 from isogal.seeds import generator
-from isogal.tracks.fields import TrackField
-from isogal.tracks.matching import MOST_SHIFTS, Uncertainty, match_fields, match_track
-from isogal.tracks.results import as_objects
+from isogal.tracks.matching import Uncertainty, match_track
 
 DISTURBANCE = field_of("disturbance")
 PRIOR = Uncertainty(position=800.0)
@@ -97,16 +95,6 @@ def test_chained_batches_know_as_much_as_one_batch_of_all():
     assert (found < 1.15 * sigma).all()
     variances = [np.trace(match.covariance[:2, :2]) for match in chained]
     assert variances[0] > variances[1] > variances[2]
-
-
-def test_long_tracks_keep_the_posteriors_of_their_first_batches_only():
-    """Each has some 20 MB: those of a long track fill the memory."""
-    track, _, _ = made_track(DISTURBANCE, count=80, error=(350.0, -250.0), sigma=3e-5)
-    field = TrackField("", track, DISTURBANCE, Matcher(batch_length=10, **EXACT))
-    matches = match_fields([field], Uncertainty(position=400.0))
-    kept = [match.shifts is not None for match in matches]
-    assert kept == [True] * MOST_SHIFTS + [False] * 2
-    assert all("estimated" in entry for entry in as_objects(matches, [field]))
 
 
 def test_a_track_too_short_to_be_matched_is_refused():

@@ -10,10 +10,8 @@ import pytest
 
 from isogal.errors import InputError
 from isogal.matching.interfaces import Fix
-from isogal.tracks.fields import TrackField
 from isogal.tracks.matching import Match
-from isogal.tracks.results import as_csv, as_geojson, as_objects, in_words, write_results
-from isogal.tracks.track import Track
+from isogal.tracks.results import as_csv, as_geojson, as_objects, write_results
 
 NORTH_EAST = np.array([[100.0, 30.0], [30.0, 400.0]])
 
@@ -47,19 +45,6 @@ def test_keys_of_objects_with_and_without_a_fix():
     assert own == ("no_fix", None, "ambiguous: 2 places fit")
     (chained,) = as_objects([replace(FIXED, chained=True)])
     assert chained == {key.replace("with_prior", "aided"): value for key, value in fixed.items()}
-
-
-def test_readings_that_are_matched_again_count_once():
-    """A batch without fix is matched again with the next."""
-    numbers = {"readings": 30.0, "readings_left_out": 1.0, "misfit": 1.0, "places": 2.0}
-    numbers |= {"probability": 0.5}
-    ambiguous = replace(DECLINED, fix=replace(DECLINED.fix, diagnostics=numbers))
-    both = replace(FIXED.fix, diagnostics=numbers | {"readings": 60.0, "readings_left_out": 2.0})
-    track = Track(np.arange(90.0), *[np.ones(90)] * 5, "track.csv")
-    fields = [TrackField("value", track, field_map=None)]
-    assert "fixes: 60 readings used, 2 left out;" in "\n".join(
-        in_words([ambiguous, replace(FIXED, fix=both)], fields)
-    )
 
 
 def test_csv_has_a_column_for_each_number():

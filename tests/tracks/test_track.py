@@ -1,5 +1,5 @@
 """Recorded tracks: what is refused, whether a track belongs to a map, derivatives of the
-reduction, means of stretches."""
+reduction."""
 
 from dataclasses import replace
 
@@ -8,12 +8,9 @@ import pandas
 import pytest
 
 from helpers.tracks import field_of, made_track
-from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
-from isogal.maps.corridor import along_track
 from isogal.sensors.gravimeter import GravityReduction
-from isogal.sensors.magnetometer import intensity
 from isogal.sensors.reduction import State
 from isogal.tracks.averaging import averaged
 from isogal.tracks.track import fit_to_map
@@ -134,35 +131,10 @@ def test_reductions_of_other_fields_are_refused(quantity, reduction):
         changed(reduction=reduction).jacobian(quantity)
 
 
-def test_jacobian_of_the_reduction_with_the_main_field():
-    """nT/m, against differences over a kilometre."""
-    track = changed(reduction="main-field")
-    jacobian = track.jacobian("magnetic_anomaly")
-    at = np.degrees([track.latitude, track.longitude])
-    steps = np.degrees(500.0 / np.array(metres_per_radian(track.latitude)))
-    for axis in (0, 1):
-        step = np.zeros_like(at)
-        step[axis] = steps[axis]
-        south, north = (intensity(*(at + sign * step), 0.0, 2025.0) for sign in (-1, 1))
-        np.testing.assert_allclose(jacobian[:, axis], (south - north) / 1000.0, atol=2e-5)
-    assert np.abs(jacobian[:, 0]).min() > 1e-3
-    assert not jacobian[:, 2:].any()
-
-
 def test_constant_readings_are_not_taken_for_another_unit():
     track, _, _ = made_track(DISTURBANCE, sigma=1e-9)
     flat = replace(track, value=np.full(60, float(np.median(track.value))))
     fit_to_map(flat, DISTURBANCE)
-
-
-def test_readings_of_a_stretch_become_their_mean():
-    track, _, _ = made_track(field_of("disturbance"), count=60, sigma=2e-5)
-    step = float(np.median(np.diff(along_track(track.latitude, track.longitude))))
-    found = averaged(track, 3.0 * step + 1.0)
-    assert 18 <= len(found) <= 22
-    np.testing.assert_allclose(found.value.mean(), track.value.mean(), atol=1e-5)
-    assert found.sigma.min() == pytest.approx(2e-5 / np.sqrt(4.0), rel=0.16)
-    assert (np.diff(found.time) > 0.0).all()
 
 
 def test_missing_readings_do_not_count():

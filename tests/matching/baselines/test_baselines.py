@@ -1,26 +1,19 @@
-"""The baseline matchers: what all have in common, and the parts of each by hand."""
+"""The baseline matchers: what all have in common, and the parts of some by hand."""
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, make_batch
-from isogal.earth.ellipsoid import metres_per_radian
-from isogal.maps.interpolation import Grid, value_and_gradient
-from isogal.matching.baselines.iccp import Iccp, _Contours, _iterate
+from isogal.matching.baselines.iccp import Iccp
 from isogal.matching.baselines.readings import (
     AssumedNoise,
-    ReadingArrays,
     UsableReadings,
-    publish_measured,
-    publish_posterior,
-    shift_covariance,
 )
-from isogal.matching.baselines.sitan import Sitan, SitanOptions, plane
+from isogal.matching.baselines.sitan import Sitan, SitanOptions
 from isogal.matching.baselines.tercom import Tercom
-from isogal.matching.baselines.viterbi import Viterbi, _emissions, _trellis
+from isogal.matching.baselines.viterbi import Viterbi
 from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.registry import load_matcher
 from isogal.scenario import Matcher
@@ -43,7 +36,7 @@ def test_errors_are_small_and_agree_with_the_covariance(rough_map, name):
     # fix
     prior = np.diag([150.0**2, 150.0**2, 0.05**2, 0.05**2])
     nees, ratio = [], []
-    for seed in range(60):
+    for seed in range(40):
         random = np.random.default_rng(seed)
         xi = np.sqrt(np.diag(prior)) * random.standard_normal(4)
         batch, truth = make_batch(
@@ -63,9 +56,9 @@ def test_errors_are_small_and_agree_with_the_covariance(rough_map, name):
         covariance = (np.eye(2) - gain) @ prior[:2, :2]
         nees.append(error @ np.linalg.solve(covariance, error) / 2.0)
         ratio.append(np.hypot(*error) / np.hypot(*xi[:2]))
-    assert len(nees) >= 50
+    assert len(nees) >= 33
     assert np.median(ratio) < {"iccp": 0.8}.get(name, 0.55)
-    # 60 values of chi-square(2)/2: mean 1 +- 0.13, 99.9 % below 1.45; ICCP is cautious, none may
+    # 40 values of chi-square(2)/2: mean 1 +- 0.16, 99.9 % below 1.6; ICCP is cautious, none may
     # be overconfident
     assert 0.15 < np.mean(nees) < 1.6
 
@@ -131,85 +124,6 @@ def test_takes_new_readings_only(rough_map, name):
     )
 
 
-def update(prior, z, R, H):
-    K = prior @ H.T @ np.linalg.inv(H @ prior @ H.T + R)
-    return K @ z, prior - K @ H @ prior
-
-
-def measured_error(batch, fix):
-    """The navigator's error (2,) according to the fix."""
-    metres = metres_per_radian(batch.latitude[-1])
-    return np.array(
-        [
-            (batch.latitude[-1] - fix.latitude) * metres[0],
-            (batch.longitude[-1] - fix.longitude) * metres[1],
-        ]
-    )
-
-
-def test_publishing_a_posterior(rough_map):
-    batch, _ = make_batch(rough_map, prior_sigma=(200.0, 0.05))
-    mean = np.array([30.0, -40.0, 0.01, 0.0])
-    covariance = np.diag([50.0**2, 60.0**2, 0.04**2, 0.05**2])
-    fix = publish_posterior(batch, mean, covariance, {"figure": 1.0})
-    new_mean, new_covariance = update(
-        batch.prior, measured_error(batch, fix), fix.covariance, np.eye(2, 4)
-    )
-    np.testing.assert_allclose(new_mean[:2], mean[:2], rtol=1e-6)
-    np.testing.assert_allclose(new_covariance[:2, :2], covariance[:2, :2], rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(
-        np.linalg.inv(np.linalg.inv(batch.prior) + fix.information.matrix),
-        covariance,
-        rtol=1e-6,
-        atol=1e-9,
-    )
-    np.testing.assert_allclose(
-        np.linalg.inv(fix.scan_covariance).sum(axis=0), np.linalg.inv(fix.covariance), rtol=1e-9
-    )
-    nothing = publish_posterior(batch, np.zeros(4), batch.prior, {})
-    assert nothing.reason == "the readings tell nothing that the navigator does not know"
-
-
-def test_publishing_a_measurement_counts_each_reading_once(rough_map):
-    batch, _ = make_batch(rough_map, new=10)
-    fix = publish_measured(batch, np.array([30.0, -40.0]), np.diag([100.0, 400.0]), {})
-    np.testing.assert_allclose(measured_error(batch, fix), [30.0, -40.0], rtol=1e-9)
-    np.testing.assert_allclose(fix.covariance, np.diag([300.0, 1200.0]))
-    assert np.isnan(fix.scan_covariance[:20]).all()
-    np.testing.assert_allclose(
-        np.linalg.inv(fix.scan_covariance[20:]).sum(axis=0), np.linalg.inv(fix.covariance)
-    )
-
-
-def test_curvature_covariance_by_hand():
-    # ten readings of slope 2 north, ten of slope 4 east, sigma 1: information 40 and 160; a
-    # velocity error that looks like half a unit of the north slope shifts the fix by half a metre
-    # per unit
-    slope = np.zeros((20, 4))
-    slope[:10, 0], slope[10:, 1], slope[:10, 2] = 2.0, 4.0, 1.0
-    covariance = shift_covariance(slope, np.ones(20), np.diag([0.36, 0.0]), 1e3)
-    np.testing.assert_allclose(covariance, np.diag([1 / 40 + 0.25 * 0.36, 1 / 160]), atol=1e-12)
-    blind = shift_covariance(slope * [1, 0, 1, 1], np.ones(20), np.zeros((2, 2)), 1e3)
-    np.testing.assert_allclose(blind, np.diag([1 / 40, 1e6]), rtol=1e-9)
-
-
-def test_readings_in_and_out(rough_map):
-    reading = np.array(make_batch(rough_map)[0].reading)
-    reading[3] = np.nan
-    batch, _ = make_batch(rough_map, reading=reading, new=20)
-    noise = AssumedNoise(map_sigma=2e-5)
-    whole = UsableReadings.of(batch, rough_map, noise, whole=True)
-    new = UsableReadings.of(batch, rough_map, AssumedNoise(), whole=False)
-    assert list(whole.row) == [0, 1, 2, *range(4, 30)]
-    assert list(new.row) == list(range(10, 30))
-    np.testing.assert_allclose(whole.arrays.sigma, np.hypot(1e-5, 2e-5))
-    known = field_map_of(lambda n, e: 1e-8 * n + 0.0 * e, sigma=4e-5, quantisation=1e-6)
-    np.testing.assert_allclose(
-        UsableReadings.of(batch, known, noise, whole=True).arrays.sigma,
-        np.sqrt(1e-10 + 16e-10 + 1e-12 / 12.0),
-    )
-
-
 def test_a_map_that_repeats_itself_gives_no_fix():
     # waves of 1 km northwards and eastwards: every kilometre fits
     def egg_box(n, e):
@@ -229,27 +143,6 @@ def test_noise_wider_than_the_window_gives_no_fix(rough_map):
     batch, _ = make_batch(rough_map, sigma=5e-4)
     fix, _ = Iccp().match(batch, rough_map, None)
     assert "have a contour in the search window" in fix.reason
-
-
-def lines(count, angle):
-    """A track northwards and for each of its points two contour lines, one along north, one along
-    east, after a rigid move."""
-    track = np.stack([200.0 * np.arange(count), np.zeros(count)], axis=1)
-    lever = track - track.mean(axis=0)
-    moved = np.array([30.0, -40.0]) + angle * np.stack([-lever[:, 1], lever[:, 0]], axis=1)
-    along_north = np.arange(count) % 2 == 0
-    tangent = np.where(along_north[:, None], [1.0, 0.0], [0.0, 1.0])
-    return track, moved, tangent
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.02])
-def test_closest_points_lead_to_the_rigid_move(angle):
-    track, point, tangent = lines(20, angle)
-    contours = _Contours(point, tangent, np.ones(20), np.arange(21))
-    shift, turn, nearest = _iterate(track, contours, np.zeros(2), angle != 0.0, 200, 1e-6)
-    np.testing.assert_allclose(shift, [30.0, -40.0], atol=0.01)
-    assert turn == pytest.approx(angle, abs=1e-5)
-    assert np.array_equal(nearest, np.arange(20))
 
 
 @pytest.mark.parametrize("region", [0.0, 1.5])
@@ -287,59 +180,6 @@ def test_gate_leaves_a_spike_out(rough_map):
     batch.reading[:] += 1.0
     none, _ = Sitan(options=SitanOptions(gate=5.0)).match(batch, rough_map, None)
     assert UNEXPLAINED in none.diagnostics
-
-
-def test_plane_through_a_bowl_by_hand():
-    # n² over n = -200, -100, ..., 200: mean (4 + 1 + 0 + 1 + 4) / 5 = 2, mean square (16 + 1 + 0 +
-    # 1 + 16) / 5 = 6.8, of 100² m²; a slope of 3 east
-    side = 100.0 * np.arange(-2.0, 3.0)
-    value, slope, left = plane(side[:, None] ** 2 + 3.0 * side, np.array([200.0, 200.0]))
-    np.testing.assert_allclose([value, *slope, left], [2e4, 0.0, 3.0, (6.8 - 4.0) * 1e8])
-
-
-def test_trellis_equals_trying_all_paths():
-    rng = np.random.default_rng(4)
-    cells, scans, sigma, drift = 3, 4, 0.4, (0.3, 0.2)
-    nodes = 0.05 * rng.standard_normal((12, 12)).cumsum(0).cumsum(1)
-    grid = Grid(nodes, 12, 0.0, 1e-3, 0.0, 1e-3)
-    side = np.array([-120.0, 0.0, 120.0])
-    radian = np.full((scans, 2), 1e-5)
-    latitude, longitude = 5e-3 + 3e-4 * np.arange(scans), np.full(scans, 6e-3)
-    level = rng.standard_normal(scans)
-    jacobian = 1e-3 * rng.standard_normal((scans, 4))
-    start = -0.5 * (side[:, None] ** 2 + side[None, :] ** 2) / 100.0**2
-    noise = np.full(scans, sigma)
-    transition = np.zeros((scans, 2, 4))
-    arrays = ReadingArrays(grid, latitude, longitude, radian, level, noise, transition, jacobian)
-    readings = UsableReadings(arrays, np.arange(scans))
-    place = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
-    path, marginal = _trellis(_emissions(readings, place, 120.0, noise**2), start, drift)
-
-    places = list(itertools.product(range(cells), range(cells)))
-    emission = np.zeros((scans, cells, cells))
-    for t, (i, j) in itertools.product(range(scans), places):
-        value, by_lat, by_lon = value_and_gradient(
-            grid, latitude[t] - side[i] * radian[t, 0], longitude[t] - side[j] * radian[t, 1]
-        )
-        slope = np.array([by_lat * radian[t, 0], by_lon * radian[t, 1]]) - jacobian[t, :2]
-        variance = sigma**2 + 120.0**2 / 12.0 * slope @ slope
-        residual = level[t] - value - jacobian[t, :2] @ [side[i], side[j]]
-        emission[t, i, j] = np.exp(-0.5 * residual**2 / variance) / np.sqrt(variance)
-    step = [[0.5 * d, 1.0 - d, 0.5 * d] for d in drift]
-    best, best_path, total = 0.0, None, np.zeros((cells, cells))
-    for candidate in itertools.product(places, repeat=scans):
-        p = np.exp(start[candidate[0]]) * np.prod(
-            [emission[(t, *place)] for t, place in enumerate(candidate)]
-        )
-        for (a, b), (c, d) in itertools.pairwise(candidate):
-            p *= (
-                0.0 if max(abs(a - c), abs(b - d)) > 1 else step[0][c - a + 1] * step[1][d - b + 1]
-            )
-        total[candidate[-1]] += p
-        if p > best:
-            best, best_path = p, candidate
-    assert [tuple(place) for place in path] == list(best_path)
-    np.testing.assert_allclose(marginal, total / total.sum(), rtol=1e-9)
 
 
 def test_a_path_at_the_edge_is_no_fix(rough_map):

@@ -15,7 +15,6 @@ from isogal.matching.interfaces import LOST_COVARIANCE
 from isogal.matching.pmht import matcher as matcher_of
 from isogal.matching.pmht.matcher import REFUSED, Pmht
 from isogal.matching.pmht.search import WIDE_M, unaided
-from isogal.passage import History
 from isogal.scenario import Matcher
 
 ERROR = (250.0, -300.0, 0.03, 0.02)
@@ -79,44 +78,6 @@ def test_a_navigator_that_takes_no_fix_is_widened(taken):
     more = 0.0 if taken else fix.widened[:4, :4]
     mean, covariance = posterior_of(fix, batch.prior + more)
     assert (np.abs(np.array(error) - mean[:4]) < 4.0 * np.sqrt(np.diag(covariance)[:4])).all()
-
-
-def test_what_a_navigator_knows_by_a_fix_it_took_otherwise_is_not_counted_twice():
-    """Of its several states the fix has left one, which is narrower and elsewhere: the bank begins
-    anew there, and is not drawn towards it."""
-    ((batch, _, memory, _),) = flight(1, pmht(**LETTER))
-    left = 0.01 * memory.covariance
-    later = replace(
-        batch,
-        time=batch.time + batch.time[-1] - batch.time[0],
-        history=History(0.3 * memory.taken - 5.0 * np.sqrt(np.diag(memory.covariance))),
-        covariance=left,
-    )
-    mean, covariance = memory.propagated(later).fields[0].bank.moments()
-    np.testing.assert_allclose(mean[:4], 0.0, atol=1e-9)
-    np.testing.assert_allclose(covariance[:4, :4], left[:4, :4], rtol=1e-6, atol=1e-9)
-
-
-def test_a_fix_that_would_have_widened_and_was_refused_narrows_nothing():
-    """The navigator is narrower than after the fix, and has learnt nothing."""
-    ((batch, _, memory, _),) = flight(1, pmht(**LETTER))
-    known = batch.covariance
-    taken = np.r_[6.0 * np.sqrt(known[0, 0]), np.zeros(6)]
-    last = memory.diverged.last._replace(left=4.0 * known)
-    memory = memory._replace(untaken=known, diverged=memory.diverged.with_last(last))
-    memory = memory.moved(taken - memory.taken)
-    before = memory.fields[0].bank
-    later = replace(
-        batch, time=batch.time + batch.time[-1] - batch.time[0], history=History(np.zeros(7))
-    )
-    first = len(later) - later.new - 1
-    back = later.backward[max(first, 0)].copy()
-    back[:2] -= (later.time[max(first, 0)] - last.time) * back[2:4]
-    forward = np.linalg.inv(back)
-    after = memory.propagated(replace(later, covariance=forward @ known @ forward.T))
-    bank = after.fields[0].bank
-    whole = forward @ before.moments()[1] @ forward.T
-    np.testing.assert_allclose(bank.moments()[1], whole, rtol=1e-6, atol=1e-9 * whole.max())
 
 
 @pytest.mark.parametrize(

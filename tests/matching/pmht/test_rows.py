@@ -9,26 +9,16 @@ from scipy.stats import multivariate_normal
 
 from helpers.bank import PLANE
 from helpers.batches import INTERVAL, field_map_of, make_batch, noise_covariance, wavy
-from isogal.earth.frames import horizontal_difference
 from isogal.maps.channels import ChannelMap
-from isogal.maps.error_model import smooth, tensor_covariance
-from isogal.maps.roughness import roughness_at
-from isogal.matching.expansion import Soundings, channel_batch
-from isogal.matching.parameters import InstrumentErrors, Parameters
+from isogal.matching.expansion import channel_batch
+from isogal.matching.parameters import InstrumentErrors
 from isogal.matching.pmht.hypotheses import Hypotheses
 from isogal.matching.pmht.models import Assumed, models_of
 from isogal.matching.pmht.rows import Epoch, rows_of
 from isogal.matching.pmht.states import (
-    COUPLING_FORWARD,
-    COUPLING_RIGHT,
-    DRIFT,
-    FILTER_ERROR,
-    TENSOR_ORDER,
-    UNKNOWN,
     States,
 )
 from isogal.matching.reading_noise import height_states, joined, noise_states
-from isogal.passage import History
 from isogal.scenario import Gravimeter, Height
 from isogal.sensors.reduction import State
 
@@ -75,83 +65,6 @@ def test_only_new_readings_that_are_there_are_rows():
     none, same, _ = rows(replace(batch, reading=np.full(30, np.nan)), PLANE, last)
     assert none is None
     assert same is last
-
-
-def test_distance_and_time_go_on_from_the_last_reading():
-    batch, _ = make_batch(PLANE)
-    made, epoch, states = rows(batch, PLANE)
-    away = 10.0 * np.hypot(*batch.velocity.T)
-    np.testing.assert_allclose(made.step[0, :, 0, 0], np.exp(-np.r_[0.0, away[1:]] / 1000.0))
-    assert epoch.start == batch.time[0]
-    drift = states.count - len(UNKNOWN) + DRIFT
-    np.testing.assert_array_equal(made.reading[:, drift - 1], 1.0)  # a bias
-    np.testing.assert_array_equal(made.reading[:, drift], batch.time - batch.time[0])
-    first, epoch, _ = rows(replace(batch.part(np.arange(10)), new=10), PLANE)
-    later, _, _ = rows(replace(batch, new=20), PLANE, epoch)
-    both = np.concatenate([first.step, later.step], axis=1)
-    np.testing.assert_allclose(both, made.step, rtol=1e-12)
-    np.testing.assert_array_equal(np.concatenate([first.reading, later.reading]), made.reading)
-
-
-def test_accelerations_are_those_since_the_reading_before():
-    """In a turn to the right at constant speed: v times the turn rate, to the right."""
-    batch, _ = make_batch(PLANE)
-    angle, speed = 2e-3 * batch.time, 20.0
-    turning = replace(batch, velocity=speed * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
-    made, _, _ = rows(turning, PLANE)
-    moving = made.reading[:, 9 + COUPLING_FORWARD : 9 + FILTER_ERROR]
-    np.testing.assert_allclose(moving, [[0.0, speed * 2e-3]] * 30, atol=1e-5)
-    _, epoch, _ = rows(replace(turning.part(np.arange(10)), new=10), PLANE)
-    jump = np.array([0.0, 0.0, 0.5, -0.3, 0.0, 0.0, 0.0])
-    moved = replace(turning, velocity=turning.velocity + jump[2:4], new=20, history=History(jump))
-    later, _, _ = rows(moved, PLANE, epoch)  # a fix is no acceleration
-    np.testing.assert_allclose(later.reading[:, 9 + COUPLING_RIGHT], speed * 2e-3, rtol=0.05)
-
-
-def test_told_parameters_have_states_before_those_nobody_tells_of():
-    batch, _ = make_batch(PLANE)
-    random = np.random.default_rng(0)
-    told = Parameters(
-        ("scale", ""), np.array([0.1, 2.0]), random.standard_normal((30, 2)),
-        random.standard_normal((30, 2, 2)), np.array([np.inf, 100.0]), np.array([1e-3, 0.0]),
-    )  # fmt: skip
-    made, _, states = rows(replace(batch, instrument=InstrumentErrors(told, 1e-7)), PLANE)
-    assert states.names == ("scale", "", *UNKNOWN)
-    assert states.count == 7 + 2 + 2 + len(UNKNOWN)  # the map's error has a slope
-    np.testing.assert_array_equal(made.reading[:, 9:11], told.reading)
-    np.testing.assert_array_equal(made.place[:, :, 9:11], told.position)
-    step = np.exp(-10.0 / 100.0)
-    np.testing.assert_allclose(made.keep[1], [1.0, 1.0, 1.0, step, *np.ones(len(UNKNOWN))])
-    told_of = [1e-6 * 10.0, 4.0 * (1.0 - step**2), 1e-14 * 10.0]
-    fresh = [0.0, 0.0, *told_of, *np.zeros(len(UNKNOWN) - 1)]
-    np.testing.assert_allclose(made.fresh[1], fresh)
-    np.testing.assert_array_equal(made.fresh[0], 0.0)  # nothing before the first one
-
-
-def test_a_map_that_is_worse_in_places_has_a_larger_error_there():
-    sigma = np.full(ROUGH.shape, 1e-5)
-    sigma[: ROUGH.shape[0] // 2] = 3e-5
-    batch, _ = make_batch(ROUGH)
-    made, _, _ = rows(batch, replace(ROUGH, sigma=sigma))
-    own = replace(ROUGH, sigma=sigma).sigma_at(batch.latitude, batch.longitude)
-    np.testing.assert_allclose(made.load[0, :, 0], own / sigma.mean())
-    assert np.ptp(made.load[0]) > 0.5
-    assert (rows(batch)[0].load == [1.0, 0.0]).all()
-
-
-def test_what_a_grid_leaves_out_is_as_large_as_the_map_is_rough_there():
-    batch, _ = make_batch(ROUGH)
-    states, rough = States.of(batch, ROUGH), np.array([0.0, 2e-5])
-    made, _ = rows_of(batch, ROUGH, states, np.array([4000.0, 500.0]), None, rough)
-    here = roughness_at(ROUGH, batch.latitude, batch.longitude)
-    assert (made.load[0] == [1.0, 0.0]).all()
-    np.testing.assert_allclose(made.load[1, :, 0], here / 2e-5)
-    # it has no kinks: its slope goes with it
-    travelled = np.hypot(*batch.velocity[1:].T) * np.diff(batch.time)
-    step, joined = smooth(travelled, 500.0)
-    np.testing.assert_allclose(made.step[1, 1:], step)
-    np.testing.assert_allclose(made.joined[1, 1:], joined)
-    assert (made.step[0, :, 0, 1] == 0.0).all()
 
 
 T, SIGMA = 12, 1e-5
@@ -269,46 +182,3 @@ def test_channels_of_a_scan_with_correlated_noise():
     np.testing.assert_allclose(covariance_of(batch)[3:6, 3:6], covariance, atol=1e-16)
     batch = noisy(batch)
     as_one_covariance(batch, maps, (7, 5))
-
-
-@pytest.mark.parametrize("velocity", [(14.0, 17.0), (-20.0, 5.0)])
-def test_map_errors_of_one_potential_are_those_of_the_last_scans(velocity):
-    """Of the first scans, one more than the chain has, nothing is left out."""
-    names, count = ("nn", "ne", "nd", "ee"), TENSOR_ORDER + 1
-    maps = ChannelMap([plane(*slope) for slope in ((2, -3), (-1, 2), (3, 0), (0, 1))])
-    one, _ = make_batch(maps.channels[0], scans=count, seed=None, velocity=velocity)
-    readings = np.zeros((count, 4))
-    batch = channel_batch(one, readings, np.diag(np.full(4, 1e-10)))
-    each = 4 * np.arange(count)
-    apart = horizontal_difference(
-        batch.latitude[:, None], batch.longitude[:, None], batch.latitude, batch.longitude
-    )
-    batch = replace(batch, layout=replace(batch.layout, of_one_potential=names))
-    states = States.of(batch, maps)
-    rows, _ = rows_of(batch, maps, states, np.array([400.0]), None)
-    u = np.zeros((states.channels,) * 2)
-    for t in each:
-        u = rows.step[0, t] @ u @ rows.step[0, t].T + rows.joined[0, t]
-    scale = rows.load[0, :4, :4].diagonal()
-    expected = tensor_covariance(names, batch.channel, -apart, 400.0)
-    size = states.channels
-    last = np.arange(len(batch)).reshape(count, 4)[::-1].ravel()[:size]
-    found = u * np.tile(scale, TENSOR_ORDER) * np.tile(scale, TENSOR_ORDER)[:, None]
-    np.testing.assert_allclose(found, expected[np.ix_(last, last)], atol=2e-3)
-
-
-def test_map_errors_under_beams_are_those_of_the_places_that_they_meet():
-    """Those of the fore beam come back under the one behind it."""
-    one, _ = make_batch(plane(2e-8, -3e-8), scans=5, seed=None, velocity=(10.0, 0.0))
-    foot = np.array([[100.0, 0.0, 0.0], [-100.0, 0.0, 0.0], [0.0, 70.0, 0.0]])
-    readings = np.tile(np.pad(foot, ((0, 0), (1, 0))), (5, 1, 1))
-    batch = Soundings(3, 0.0).expand(one, readings, np.zeros(5))
-    states = States.of(batch, plane(2e-8, -3e-8))
-    assert states.order == 2
-    rows, _ = rows_of(batch, plane(2e-8, -3e-8), states, np.array([80.0]), None)
-    u = np.zeros((states.channels,) * 2)
-    for t in range(0, 15, 3):
-        u = rows.step[0, t] @ u @ rows.step[0, t].T + rows.joined[0, t]
-    places = np.concatenate([foot[:, :2], foot[:, :2] - [100.0, 0.0]])
-    apart = np.linalg.norm(places[:, None] - places, axis=-1)
-    np.testing.assert_allclose(u, np.exp(-apart / 80.0), atol=2e-3)
