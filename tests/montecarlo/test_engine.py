@@ -2,7 +2,6 @@
 says."""
 
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -65,43 +64,12 @@ def test_what_is_simulated_is_the_truth_and_what_is_assumed_the_rest():
 
 @pytest.mark.parametrize(("name", "share"), [("pmht", 0.3), ("pmht-paper", 0.6), ("sitan", 0.5)])
 def test_fixes_help(name, share):
-    runs = simulate(scenario(name=name), range(8), MAP)
+    runs = simulate(scenario(name=name), range(4), MAP)
     aided, unaided = (
         np.sqrt((e[:, -1] ** 2).sum(axis=-1).mean()) for e in (runs.error, runs.unaided_error)
     )
     assert aided < share * unaided
-    assert runs.published.sum() > 8
-
-
-@pytest.mark.parametrize("settings", [{"stride": 1}, {"batch_length": 2}])
-def test_batches_of_one_or_two_new_readings_are_as_good(settings):
-    assert _late_error(**settings) < 1.25 * _late_error(stride=5)
-
-
-@cache
-def _late_error(**settings):
-    """RMS error of four runs after 5 min, m; of the same runs for all settings."""
-    error = simulate(scenario(**settings), range(4), MAP).error[:, 30:]
-    return float(np.sqrt((error**2).sum(axis=-1).mean()))
-
-
-def test_retrodiction_ends_where_standard_aiding_does_and_has_smaller_steps():
-    past = {}
-
-    def keep(run, which, track):
-        past.update({(run, scan): row[:2] for scan, row in zip(which, track, strict=True)})
-
-    standard = simulate(scenario(), range(4), MAP)
-    late = simulate(scenario(mode="retrodiction"), range(4), MAP, revised=keep)
-    ends = [np.trace(one.posterior_covariance, axis1=2, axis2=3) for one in (late, standard)]
-    np.testing.assert_allclose(*ends, rtol=0.1)
-    apart = np.linalg.norm(late.posterior_error - standard.posterior_error, axis=2)
-    assert (apart < 0.2 * np.sqrt(ends[1])).all()
-    track = np.array([[past[run, scan] for scan in range(1, 61)] for run in range(4)])
-    truth = standard.latitude[1:], standard.longitude[1:]
-    error = horizontal_difference(*track.transpose(2, 0, 1), *truth)
-    steps, jumps = (np.linalg.norm(np.diff(e, axis=1), axis=2) for e in (error, standard.error))
-    assert np.sqrt((steps**2).mean()) < 0.5 * np.sqrt((jumps**2).mean())
+    assert runs.published.sum() > 4
 
 
 def test_record_of_the_loop():
@@ -160,18 +128,6 @@ def truth_at(it, batch):
     return float(trajectory.latitude[k]), float(trajectory.longitude[k])
 
 
-def test_without_fixes_the_navigator_only_predicts():
-    it = scenario()
-    runs = simulate(it, [0, 1], MAP, Scripted(nothing))
-    assert runs.fix_reason.tolist() == [["nothing"] * 4] * 2
-    assert np.isnan(runs.fix_error).all()
-    # the filter's mean goes with the strapdown but for what its known height and its nonlinearity
-    # add
-    np.testing.assert_allclose(runs.error, runs.unaided_error, atol=0.5)
-    trace = np.trace(runs.covariance[0], axis1=1, axis2=2)
-    assert (np.diff(trace) > 0.0).all()
-
-
 def test_a_position_fix_is_weighted_by_its_covariance():
     it = scenario()
     runs = simulate(it, [0], MAP, Scripted(lambda batch: at(batch, *truth_at(it, batch), 1.0)))
@@ -214,26 +170,6 @@ def test_batches_have_the_matchers_stride_and_context():
     assert scripted.memories == [None, *range(1, 10)]
 
 
-def test_a_correction_is_carried_back_to_earlier_scans():
-    """After a perfect fix the older scans of the next, overlapping batch lie near the true track,
-    and where the filter now says."""
-    it = scenario(stride=5)
-    scripted = Scripted(lambda batch: at(batch, *truth_at(it, batch), 0.1))
-    simulate(it, [0], MAP, scripted)
-    trajectory = build_trajectory(it)
-    first, second = scripted.batches[:2]
-    assert (first.time[5:] == second.time[:10]).all()
-    k = second.time[:10].round().astype(int)
-    truth = trajectory.latitude[k], trajectory.longitude[k]
-    before, after = (
-        np.hypot(*horizontal_difference(batch.latitude[part], batch.longitude[part], *truth).T)
-        for batch, part in ((first, slice(5, None)), (second, slice(0, 10)))
-    )
-    assert before.min() > 100.0
-    assert after[-1] < 1.0  # the scan of the fix
-    assert after.max() < 0.1 * before.min()
-
-
 def test_retrodiction_reports_the_past_states_it_corrects():
     it = scenario(duration=300.0, mode="retrodiction")
     told = []
@@ -250,9 +186,11 @@ def test_retrodiction_reports_the_past_states_it_corrects():
 def test_gravity_that_is_felt_and_not_known_of_spoils_the_unaided_ins():
     """The map's vector acts on the IMU, and its compensation takes it off again."""
 
+    smaller = field_map_of(wavy, half=25e3)
+
     def error(**gravity):
         it = scenario(duration=300.0).model_copy(update={"gravity": Gravity(**gravity)})
-        return simulate(it, [0], MAP, Scripted(nothing)).unaided_error[0, -1]
+        return simulate(it, [0], smaller, Scripted(nothing)).unaided_error[0, -1]
 
     unfelt = error(field="normal")
     felt = np.linalg.norm(error(field="map", compensation="none") - unfelt)
@@ -289,14 +227,14 @@ def test_the_navigator_takes_horizontal_gravity_for_as_wrong_as_the_matcher_find
 
 @pytest.mark.slow
 def test_smoothed_states_are_as_good_as_they_say():
-    """Of ten runs of half an hour. 1800 s are some three independent errors of two axes: the mean
-    of the NEES is of about 60 values, and beyond 0.5 to 1.7 once in 1000 studies."""
+    """Of six runs of half an hour. 1800 s are some three independent errors of two axes: the mean
+    of the NEES is of about 36 values, and beyond 0.4 to 1.95 once in 1000 studies."""
     it = scenario(duration=1800.0, stride=5)
-    found = simulate(it, range(10), MAP, lag=np.inf)
+    found = simulate(it, range(6), MAP, lag=np.inf)
     states = found.smoothed
     assert states is not None
     nees = nees_per_axis(states.error, states.covariance)
-    assert 0.5 < nees.mean() < 1.7
+    assert 0.4 < nees.mean() < 1.95
     settled = found.elapsed > 300.0
     then, later = found.horizontal_error[:, settled], states.horizontal_error[:, settled]
     assert np.sqrt(np.mean(later**2)) < 0.8 * np.sqrt(np.mean(then**2))

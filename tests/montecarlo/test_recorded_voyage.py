@@ -6,12 +6,9 @@ import pytest
 from helpers.batches import field_map_of, wavy
 from isogal.errors import InputError
 from isogal.fields.scenario_map import maps_for_scenario
-from isogal.fields.simulator import recorded
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import validate_scenario
-from isogal.sensors.recorded_track import read_positions
-from isogal.sensors.trajectory import build_trajectory
 
 
 def voyage(tmp_path, field_map):
@@ -66,25 +63,3 @@ def test_a_map_that_is_elsewhere_is_refused(tmp_path):
     scenario = voyage(tmp_path, whole.window(south, north, np.radians(147.05), east))
     with pytest.raises(InputError, match="does not cover the route"):
         maps_for_scenario(scenario)
-
-
-def test_a_leg_of_a_real_ship(shared_data):
-    """Its readings are at whole minutes, but for those that are lost, and none is made up."""
-    file = str(shared_data / "ships" / "ew0007_lines.nc")
-    scenario = validate_scenario(
-        {
-            "route": {"track": file, "track_line": "95", "height": 0.0},
-            "readings": {"source": file},
-            "fields": [
-                {"field": "disturbance", "interval": 60.0},
-                {"field": "magnetic", "sigma": 3.0, "interval": 60.0},
-                {"field": "terrain", "sigma": 10.0, "interval": 60.0},
-            ],
-        }
-    )
-    trajectory, positions = build_trajectory(scenario), read_positions(file, "95")
-    assert len(positions.time) == 224
-    since = (positions.time - positions.time[0])[1:]
-    for one in scenario.each_field:
-        found = recorded(one, trajectory)
-        np.testing.assert_array_equal(found.time[np.isfinite(found.value)], since)

@@ -75,16 +75,6 @@ def test_each_field_has_its_own_rate(two):
     np.testing.assert_array_equal(fast.unaided_error[0, ::2], two.unaided_error[0])
 
 
-def test_slow_scans_that_miss_the_batch_ends_count(gravity):
-    """A field whose scans are never at a batch end: its readings are matched all the same."""
-    slow = ran(GRAVITY, MAGNETIC | {"interval": 35.0, "matcher": {"batch_length": 5}}, runs=1)
-    np.testing.assert_allclose(np.diff(slow.fix_time), 50.0)
-    both, alone = (
-        np.trace(one.posterior_covariance[0], axis1=1, axis2=2) for one in (slow, gravity)
-    )
-    assert (both < 0.95 * alone)[slow.fix_time > 300.0].all()
-
-
 def test_command_line(tmp_path, monkeypatch):
     """Gravity and terrain of the synthetic map, from the command to its report."""
     path = tmp_path / "two.yaml"
