@@ -16,11 +16,9 @@ from helpers.surveys import (
     scattered,
     survey_at,
 )
-from isogal.maps.error_ellipses import axes_of, mean_length
-from isogal.maps.formats.netcdf_writing import write_netcdf
+from isogal.maps.error_ellipses import axes_of
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.gridder import GridSettings, grid_survey, learn_model
-from isogal.maps.load import load_map
 
 __all__ = ["few_places"]
 
@@ -48,26 +46,6 @@ def test_places_between_stations_are_as_uncertain_as_it_says(stations):
     assert np.sqrt(np.mean((field[500:] - mean) ** 2)) < 0.35 * np.std(field)
     near = sigma < np.median(sigma)
     assert 0.5 < ratio[near].mean() < 1.5
-
-
-def test_a_map_says_its_error_at_every_node(tmp_path):
-    places, done = scattered(250, 9e3, seed=3), []
-    field_map, _ = grid_survey(
-        survey_at(places, drawn(places, seed=4)[1]),
-        GridSettings(spacing=900.0, block=0.0),
-        lambda *progress: done.append(progress),
-    )
-    assert done[-1] == ("nodes", *(field_map.values.size,) * 2)
-    assert field_map.sigma.shape == field_map.shape
-    assert 0.0 < field_map.unresolved <= np.nanmin(field_map.sigma)
-    length = np.nanmedian(mean_length(field_map.error_ellipses))
-    assert field_map.correlation_length == pytest.approx(length, rel=0.2)
-    write_netcdf(field_map, tmp_path / "map.nc")
-    again = load_map(tmp_path / "map.nc")
-    np.testing.assert_allclose(again.error_ellipses, field_map.error_ellipses, rtol=1e-4, atol=1e3)
-    assert (again.height, again.unresolved) == (None, pytest.approx(field_map.unresolved))
-    rest = np.hypot(again.resolved.sigma, again.unresolved)
-    np.testing.assert_allclose(rest, again.sigma, rtol=1e-6)
 
 
 def test_between_lines_it_is_worse_than_on_them_and_says_so():
