@@ -30,16 +30,6 @@ def after(code: str, **given: str) -> str:
     return done.stdout.splitlines()[-1]
 
 
-def test_importing_the_library_sets_nothing_and_reports_load_what_draws_when_they_draw() -> None:
-    """Nor does asking for one thread once NumPy is loaded."""
-    assert after(
-        "import isogal, isogal.evaluation.run_report, sys\n"
-        "assert not {'matplotlib', 'jinja2', 'scipy.stats'} & set(sys.modules)\n"
-        "import isogal.matching.pmht.matcher, isogal.navigator, isogal.cli.main\n"
-        "from isogal.threads import one_thread; one_thread()"
-    ) == str([None] * 3)
-
-
 def test_command_sets_one_but_for_the_choice_of_the_user() -> None:
     code = (
         "import isogal.cli.main as m, sys; sys.argv = ['isogal', '--version']\ntry:"

@@ -90,17 +90,6 @@ def some_seconds(path, since):
     return write_flight(path, flight, readings, time=since + readings.time)
 
 
-def test_the_date_of_the_readings_counts(tmp_path, coefficients):
-    values, out = [], tmp_path / "track.csv"
-    for stamp, epoch in ((1_625_227_200.0, 2025.0), (0.0, 2021.5), (0.0, 2025.0)):
-        path = some_seconds(tmp_path / "flight.csv", stamp)
-        words = ("mag", "compensate", path, "--coefficients", coefficients, "--out", out)
-        answer(*words, "--epoch", epoch)
-        values.append(float(out.read_text().splitlines()[50].split(",")[3]))
-    assert values[0] == pytest.approx(values[1], abs=0.1)
-    assert abs(values[1] - values[2]) > 50.0
-
-
 def test_a_base_station_takes_the_daily_variation_off(tmp_path, coefficients):
     base = tmp_path / "base.csv"
     base.write_text("time,scalar\n0,50000\n1000,50000\n2000,50080\n")

@@ -35,16 +35,6 @@ def test_the_files_of_a_plan(rough, tmp_path):
     assert feature["properties"]["expected_error_m"][-1] == arrival
 
 
-def test_the_map_is_continued_to_the_height_of_the_flight(rough):
-    """What is promised is what runs have: a field that is smoother above."""
-    low, high = (
-        json.loads(answer("plan", "--map", rough, *ENDS, "--json", "--set", f"route.height={h}"))
-        for h in (0, 500)
-    )
-    ratio = high["straight"]["error_on_arrival_m"] / low["straight"]["error_on_arrival_m"]
-    assert ratio > 1.05
-
-
 def test_what_is_printed(rough, tmp_path):
     straight = answer("plan", "--map", rough, *ENDS)
     assert re.search(r"km with \d+ waypoints, expected error on\s+arrival \d+ m", straight)

@@ -21,6 +21,7 @@ PLACES = ("*.md", "docs/**/*.md", "examples/*/*.md", "src/*/*.md", "bags/*.md", 
 PAGES = sorted(path.relative_to(ROOT) for pattern in PLACES for path in ROOT.glob(pattern))
 PLUGINS = ("write-a-matcher",)
 """Pages that install a name which is not known here."""
+ISOGAL = get_command(app)
 DATA_SHEETS = ("# my_sensors.yaml",)
 """YAML blocks that are no scenarios, by the comment they begin with."""
 
@@ -41,7 +42,7 @@ def shown(page: Path) -> Iterator[list[str]]:
 
 def check_command(words: list[str], names_of_plugins: bool) -> None:
     """Assert that the words after ``isogal`` are a command, its options and keys of a scenario."""
-    command, rest = get_command(app), words
+    command, rest = ISOGAL, words
     while hasattr(command, "commands") and rest:
         command, rest = command.commands[rest[0]], rest[1:]
     known = {name for parameter in command.params for name in parameter.opts} | {"--help"}

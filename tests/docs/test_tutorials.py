@@ -6,20 +6,16 @@ import pytest
 
 from helpers.packages import ROOT
 from helpers.pages import commands, run_here
-from helpers.surveys import few_places
-
-__all__ = ["few_places"]
 
 DOCS = ROOT / "docs"
 TUTORIALS = DOCS / "tutorials"
-FIGURES = {
-    "survey-to-fix": "out/survey/match/track.png",
-    "magnetic-aircraft": "out/aircraft/match/track.png",
-    "plan-fly-compare": "out/plan/compared/rms_over_time.png",
-}
-LONGER = ("harbour-to-harbour", "sensor-driver", "write-a-matcher", "your-vehicle")
-"""Whose commands take long, or start workers or nodes as processes; run by `make test-docs`, as
-all others."""
+FIGURES = {"plan-fly-compare": "out/plan/compared/rms_over_time.png"}
+LONGER = (
+    *("harbour-to-harbour", "magnetic-aircraft", "sensor-driver", "survey-to-fix"),
+    *("write-a-matcher", "your-vehicle"),
+)
+"""Whose commands take long, are those of other tests, or start workers or nodes as processes; run
+by `make test-docs`, as all others."""
 
 
 @pytest.fixture

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pyproj import Geod, Transformer
-from scipy.integrate import quad
 
-from isogal.earth.ellipsoid import E2, EARTH_RATE, GM, A, F, metres_per_radian, radii
+from isogal.earth.ellipsoid import E2, EARTH_RATE, GM, A, F, metres_per_radian
 from isogal.earth.frames import (
     LocalFrame,
     ecef_to_geodetic,
@@ -59,13 +58,6 @@ def test_masked_latitudes_are_missing():
     assert gravity[0] == normal_gravity(0.5) and np.isnan(gravity[1])
 
 
-def test_radii_are_those_of_the_published_quadrant_and_polar_curvature():
-    length, _ = quad(lambda latitude: float(radii(latitude)[0]), 0.0, np.pi / 2, epsabs=1e-6)
-    assert length == pytest.approx(10001965.7293, abs=1e-4)  # Moritz (2000), as the next
-    np.testing.assert_allclose(radii(np.pi / 2), 6399593.6259, atol=1e-4)
-    assert radii(0.0)[1] == A
-
-
 @given(st.floats(-85.0, 85.0), st.floats(0.0, 360.0))
 def test_metres_per_radian_against_geodesics(latitude, azimuth):
     longitude_1, latitude_1, _ = GEOD.fwd(20.0, latitude, azimuth, 10.0)
@@ -114,15 +106,6 @@ def test_local_frame_points_where_it_says():
     there = np.radians(-35.0), np.radians(150.0)
     up = frame.from_geodetic(*there, 1.0) - frame.from_geodetic(*there, 0.0)
     np.testing.assert_allclose(frame.rotation_from(*there) @ [0.0, 0.0, 1.0], up, atol=1e-8)
-
-
-@given(latitudes, longitudes, st.floats(-1e3, 2e4))
-def test_local_frame_and_back(latitude, longitude, height):
-    frame = LocalFrame(np.radians(-38.0), np.radians(144.5), 100.0)
-    enu = frame.from_geodetic(latitude, longitude, height)
-    back = frame.from_geodetic(*frame.to_geodetic(enu))
-    np.testing.assert_allclose(back, enu, atol=1e-7)
-    assert frame.to_geodetic(enu)[2] == pytest.approx(height, abs=1e-7)
 
 
 @pytest.mark.parametrize("longitude", [0.0, 179.9999, -180.0, 359.9999])

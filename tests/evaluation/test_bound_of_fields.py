@@ -183,12 +183,3 @@ def test_two_instruments_on_one_exact_map_are_one_with_half_the_variance():
     half = {"field": "gravity", "sigma": 2e-5 / np.sqrt(2.0)}
     two = joint(exact, exact | {"name": "other"})
     np.testing.assert_allclose(two.covariance, joint(half).covariance, rtol=1e-9)
-
-
-def test_each_field_counts_at_its_own_scans():
-    """A field of half the rate is one whose every other reading is missing."""
-    slow = joint(GRAVITY, MAGNETIC | {"interval": 20.0})
-    twice = joint(*(one | {"interval": 20.0} for one in (GRAVITY, MAGNETIC)))
-    fast = joint(GRAVITY, MAGNETIC)
-    assert twice.rms[-1] > slow.rms_at(twice.time[-1:])[0] > fast.rms[-1]
-    assert len(slow.time) == len(fast.time) == 2 * len(twice.time) - 1

@@ -63,13 +63,6 @@ def write(runs, folder):
     return run_report(runs, Scenario(), FIELD, bound, folder, summary)
 
 
-def test_without_a_fix_there_is_no_interval(make_runs):
-    runs = make_runs(runs=1, batches=0)
-    summary = summarise(runs, Scenario(), np.full(len(runs.time), 20.0))
-    names = [row[0] for row in key_figures(summary).rows]
-    assert "NEES per axis (1 is right)" in names
-
-
 def test_the_page_is_whole_and_refers_to_nothing_outside(make_runs, tmp_path):
     figure = Illustration("errors", error_figure(make_runs(runs=1)), "North & east.")
     sections = [

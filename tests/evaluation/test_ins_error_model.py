@@ -1,16 +1,11 @@
 """The linear error model, and the unaided navigator's covariance by it, against the non-linear
-strapdown and the filter."""
+strapdown."""
 
 import numpy as np
-import pytest
 
-from helpers.navigators import start_of
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import unaided_covariance
 from isogal.evaluation.consistency import spread_test
-from isogal.fusion.assumed import filter_model
-from isogal.fusion.prediction import propagate as propagate_filter
-from isogal.fusion.state import FilterState
 from isogal.inertial.strapdown import propagate
 from isogal.scenario import Scenario, validate_scenario
 from isogal.sensors.imu import simulate_imu
@@ -37,20 +32,6 @@ def test_the_unaided_spread_is_that_of_the_full_strapdown():
     covariance = unaided_covariance(settings.true, trajectory).covariance[instants // 10]
     test = spread_test(np.concatenate(errors), covariance, confidence=0.99)
     assert test.consistent, (test.nees, test.interval)
-
-
-@pytest.mark.parametrize("grade", ["precision", "quantum"])
-def test_the_unaided_filter_has_the_same_covariance(grade):
-    settings = validate_scenario({"imu": {"grade": grade}, "route": {"duration": 3600.0}})
-    trajectory = build_trajectory(settings)
-    imu = simulate_imu(settings, trajectory, [0])
-    model = filter_model(settings)
-    state = FilterState.start(start_of(settings, trajectory), model)
-    samples = imu.specific_force[0], imu.angular_rate[0], trajectory.height[1:]
-    propagate_filter(state, model, *samples)
-    claimed = state.covariance[:2, :2]
-    expected = unaided_covariance(settings.true, trajectory).covariance[-1]
-    np.testing.assert_allclose(np.sqrt(np.diag(claimed)), np.sqrt(np.diag(expected)), rtol=0.01)
 
 
 def test_the_unaided_spread_is_near_the_published_study():

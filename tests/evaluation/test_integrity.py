@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from isogal.evaluation.integrity import (
     RISKS,
@@ -14,7 +13,6 @@ from isogal.evaluation.integrity import (
     correlation_time,
     excursions,
     integrity,
-    poisson_interval,
 )
 from isogal.evaluation.run_report import exceedance_table
 from isogal.fusion.protection_level import protection_level
@@ -37,21 +35,6 @@ TIME = np.arange(12) * 10.0
 def test_events_are_stretches_that_are_well_apart(series, events):
     outside = np.array([[c == "#" for c in series]])
     assert excursions(outside, TIME, 50.0).tolist() == [events]
-
-
-def test_runs_are_counted_by_themselves_and_by_time_not_by_state():
-    outside = np.zeros((3, 4), dtype=bool)
-    outside[0, [0, 3]], outside[2, 1] = True, True
-    assert excursions(outside, np.array([0.0, 1.0, 2.0, 3.0]), 2.0).tolist() == [2, 0, 1]
-    assert excursions(outside, np.array([0.0, 1.0, 2.0, 2.0]), 2.0).tolist() == [1, 0, 1]
-
-
-@pytest.mark.parametrize("count", [0, 1, 30, 500])
-def test_the_ends_leave_out_half_each(count):
-    low, high = poisson_interval(count)
-    assert stats.poisson.cdf(count, high) == pytest.approx(0.025, rel=1e-6)
-    assert stats.poisson.sf(count - 1, low) == pytest.approx(0.025 if count else 1.0, rel=1e-6)
-    assert low > 0.0 or count == 0
 
 
 @pytest.mark.parametrize(

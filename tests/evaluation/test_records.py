@@ -6,9 +6,6 @@ import pytest
 from helpers.studies import outcomes
 from isogal.errors import InputError
 from isogal.evaluation.records import RunDetail, Runs
-from isogal.matching.interfaces import Candidates
-
-Record = Runs | RunDetail
 
 
 def assert_equal(a, b):
@@ -43,18 +40,6 @@ def test_joined_chunks_are_the_whole(make_runs):
     parts = [whole.part(rows) for rows in (range(2), [2], range(3, 5))]
     assert_equal(Runs.concatenate(parts), whole)
     assert [part.detail is None for part in parts] == [False, True, True]
-
-
-def test_runs_of_different_scenarios_are_not_joined(make_runs):
-    with pytest.raises(ValueError, match="time differs"):
-        Runs.concatenate([make_runs(), make_runs(step=30.0)])
-    with pytest.raises(ValueError, match="no runs"):
-        Runs.concatenate([])
-
-
-def test_a_reason_goes_with_no_fix(make_runs):
-    with pytest.raises(ValueError, match="must be empty where a fix was published"):
-        make_runs(fix_reason=np.full((3, 24), "flat"))
 
 
 def test_damaged_files_are_refused_in_one_line(make_runs, tmp_path):
@@ -94,18 +79,6 @@ def test_a_failed_write_leaves_the_old_file(make_runs, tmp_path, monkeypatch):
         make_runs(seed=2).save(path)
     assert path.read_bytes() == before
     assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_candidates_are_flattened_with_their_batch():
-    one = Candidates(
-        np.array([0.1, 0.2]), np.array([1.0, 1.1]), np.array([0.4, 0.6]), np.array([0, 3])
-    )
-    two = Candidates(np.array([0.3]), np.array([1.2]), np.array([1.0]), np.array([2]))
-    flat = RunDetail.flatten([None, one, None, two])
-    np.testing.assert_array_equal(flat["candidate_batch"], [1, 1, 3])
-    np.testing.assert_array_equal(flat["candidate_scan"], [0, 3, 2])
-    np.testing.assert_array_equal(flat["candidate_latitude"], [0.1, 0.2, 0.3])
-    assert all(values.size == 0 for values in RunDetail.flatten([None, None]).values())
 
 
 def test_smoothed_states_are_saved_and_joined(make_runs, tmp_path):

@@ -73,33 +73,6 @@ def test_a_sounding_without_noise_is_the_map_at_its_footprint(floor):
         assert np.ptp(reduced[..., 1:3]) > 100.0
 
 
-def test_errors_of_all_beams_and_of_each(floor):
-    clean = readings_of(floor, *FAN, "gravimeter.sigma=1e-4").raw[..., 2]
-    tide = readings_of(floor, *FAN, "gravimeter.sigma=1e-4", "gravimeter.bias=5").raw[..., 2]
-    off = tide - clean
-    assert np.abs(off).max() > 0.5
-    np.testing.assert_allclose(off, off[:, :1, :1] + 0.0 * off, atol=2e-3)
-    np.testing.assert_allclose(np.ptp(off, axis=(1, 2)), 0.0, atol=2e-3)
-    scale = readings_of(floor, *FAN, "gravimeter.sigma=1e-4", "altimeter.scale_sigma=0.01")
-    ratio = scale.raw[..., 2] / clean
-    assert np.abs(ratio - 1.0).max() > 1e-3
-    np.testing.assert_allclose(np.ptp(ratio, axis=(1, 2)), 0.0, atol=1e-5)
-    noise = readings_of(floor, *FAN).raw[..., 2] - clean
-    assert np.std(noise) == pytest.approx(0.5, rel=0.2)
-    assert np.abs(np.corrcoef(noise[0].T)[0, 1:]).max() < 0.8
-    single = readings_of(floor, *FAN, runs=(1,)).raw
-    np.testing.assert_array_equal(single[0], readings_of(floor, *FAN).raw[1])
-
-
-def test_the_maps_error_counts_where_the_beams_meet_the_ground(floor):
-    error = ("map_error.sigma=3", "map_error.correlation_length=5000", "gravimeter.sigma=1e-4")
-    found = readings_of(floor, *FAN, *error, runs=range(8)).raw[..., 2]
-    off = found - readings_of(floor, *FAN, "gravimeter.sigma=1e-4", runs=range(8)).raw[..., 2]
-    assert 1.0 < np.std(off[:, 0, 0]) < 6.0
-    # correlated over 5 km, and the beams are 200 m apart
-    assert np.std(off[:, 0, 0] - off[:, 0, 1]) < 0.5 * np.std(off[:, 0, 0])
-
-
 def test_out_of_range_and_missing(floor):
     far = readings_of(floor, *FAN, "altimeter.max_range=120", "gravimeter.missing_fraction=0.3")
     none = np.isnan(far.raw).any(axis=-1)

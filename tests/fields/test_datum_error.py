@@ -54,13 +54,6 @@ def test_an_offset_is_the_same_at_all_scans_and_a_tilt_is_a_plane_from_the_start
     assert np.std(along) == pytest.approx(1e-9, rel=0.15)
 
 
-def test_each_run_and_channel_has_its_own():
-    error, _, _ = drawn(runs=[3, 1], channels=(2,), offset=1.0, tilt=1e-5)
-    assert error.shape == (2, 60, 2)
-    assert len(np.unique(error[:, 0])) == 4
-    np.testing.assert_array_equal(drawn([1], (2,), offset=1.0, tilt=1e-5)[0][0], error[1])
-
-
 def test_readings_have_it_and_the_bound_takes_it_for_a_bias_and_a_drift():
     wrong = {"offset": 5e-5, "tilt": 1e-9}
     trajectory, field_map = build_trajectory(scenario()), field_map_of(wavy)

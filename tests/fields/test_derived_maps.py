@@ -1,7 +1,6 @@
 """Maps of several channels that a scenario's map is turned into, in another process."""
 
 import subprocess
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from isogal.fields import derived_maps as derived
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.source_map import MapSource
 from isogal.maps.corridor import corridor_of
-from isogal.maps.error_ellipses import ellipses_of
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 from isogal.maps.potential import derivatives
@@ -76,42 +74,6 @@ def test_the_maps_are_those_of_the_tensor_along_the_route(disturbance, there):
 def none_left(*_, **__):
     """No other process can be started."""
     raise BlockingIOError
-
-
-def test_maps_computed_here_and_in_another_process_are_equal(disturbance, there, monkeypatch):
-    monkeypatch.setattr(subprocess, "run", none_left)
-    here = derived.derived_maps(scenario(disturbance), 5000.0)
-    np.testing.assert_array_equal(there.values, here.values)
-    assert there.grid[1:] == here.grid[1:]
-    assert there.provenance == here.provenance
-
-
-def test_processes_that_share_maps_compute_each_once(tmp_path, monkeypatch):
-    """With the error ellipses of the nodes."""
-    uneven = field_map_of(wavy, half=20e3, step=500.0, sigma=1e-5, correlation_length=5000.0)
-    lengths = np.linspace(2e3, 8e3, uneven.values.size).reshape(uneven.shape)
-    ellipses = ellipses_of(lengths, 0.5 * lengths, 1e-4 * lengths)
-    write_netcdf(replace(uneven, error_ellipses=ellipses), tmp_path / "uneven.nc")
-
-    def along(*more):
-        keys = "field=disturbance", "map.variable=disturbance", "map.continuation=none"
-        return scenario(tmp_path / "uneven.nc", *keys, "route.duration=100", *more)
-
-    here = derived.compute(along(), 3000.0)
-    with derived.shared_maps():
-        maps = derived.derived_maps(along(), 3000.0)
-        monkeypatch.setattr(subprocess, "run", none_left)
-        monkeypatch.setattr(derived, "compute", none_left)
-        # as another node knows the scenario, whose own sections are others
-        again = derived.derived_maps(along("seed=3", "matcher.stride=2"), 3000.0)
-        for found in (maps, again):
-            np.testing.assert_array_equal(found.values, here.values)
-            (one,), (expected,) = found.channels, here.channels
-            np.testing.assert_array_equal(one.error_ellipses, expected.error_ellipses)
-        with derived.shared_maps(), pytest.raises(BlockingIOError):
-            derived.derived_maps(along("route.height=200"), 3000.0)
-    with pytest.raises(BlockingIOError):
-        derived.derived_maps(along(), 3000.0)
 
 
 @pytest.mark.parametrize(

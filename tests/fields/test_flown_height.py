@@ -14,7 +14,6 @@ from isogal.fields import derived_maps, scenario_map
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.fields.simulator import true_readings
 from isogal.fields.source_map import MapSource
-from isogal.maps.axes import Window
 from isogal.maps.corridor import corridor_of
 from isogal.maps.load import load_map
 from isogal.maps.tiled_map import TiledMap
@@ -147,31 +146,6 @@ def test_gravity_above_a_surface_changes_as_the_disturbance_beside_it(high, tmp_
     it = scenario(both)
     assert rms(found - as_it_is - along(it, high) + along(it, masses)) < 0.05 * MGAL
     assert of_gravity_only == pytest.approx(as_it_is, abs=1e-12)
-
-
-def test_a_tiled_map_is_the_same(low):
-    it = scenario(low)
-    route = build_trajectory(it)
-    whole = map_for_scenario(it, route, 5000.0)
-    tiled = TiledMap(flown(it), corridor_of(route.latitude, route.longitude, 5000.0))
-    difference = along(it, tiled) - along(it, whole)
-    assert rms(difference) < 0.02 * MGAL
-    near = tiled.near(route.latitude[:300], route.longitude[:300])
-    assert near.provenance.endswith("continued to 1000 m")
-
-
-def test_fields_that_do_not_change_with_height_stay_and_gradients_have_a_way_of_their_own(
-    low, tmp_path
-):
-    it = scenario(low, "field=gradient", "map.level=400")
-    disturbance = map_of(attraction(0.0))
-    assert MapSource.of(it).for_gradients(disturbance, it.route.height) == (disturbance, 600.0)
-    ground = together(
-        tmp_path / "ground.nc", replace(map_of(mountains()), unit="m", quantity="height")
-    )
-    it = scenario(ground, "field=terrain", "gravimeter.sigma=5", "route.height=4000")
-    window = Window(*np.radians([-36.55, -36.5, 146.95, 147.0]))
-    assert "continued" not in flown(it)(window).provenance
 
 
 def test_what_cannot_be_continued_names_the_way_out(low):

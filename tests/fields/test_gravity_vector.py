@@ -10,7 +10,7 @@ from helpers.map_files import together
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.fields import gravity_vector as vector
-from isogal.fields.gravity_vector import averaged, gravity_vector, sensed_gravity
+from isogal.fields.gravity_vector import gravity_vector, sensed_gravity
 from isogal.fields.known_gravity import known_gravity, true_residual_gravity
 from isogal.fields.map_error import TrueMapError
 from isogal.fields.simulator import scan_index
@@ -19,7 +19,6 @@ from isogal.maps.error_model import displacements, tensor_covariance
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import TiledMap
 from isogal.scenario import Scenario
-from isogal.sensors.imu import simulate_imu
 from isogal.sensors.trajectory import build_trajectory
 
 GM = 6.674e-11 * 5e14
@@ -99,18 +98,6 @@ def test_the_vehicle_feels_what_a_point_mass_does(world, monkeypatch):
     np.testing.assert_allclose(felt, expected, atol=0.05 * largest)
 
 
-def test_accelerometers_feel_its_negative(world):
-    trajectory = build_trajectory(world)
-    felt = sensed_gravity(world.true, trajectory, [0])
-    without, with_it = (
-        simulate_imu(world.true, trajectory, [0], gravity).specific_force
-        for gravity in (None, felt)
-    )
-    np.testing.assert_allclose(
-        np.linalg.norm(with_it - without, axis=-1), np.linalg.norm(felt, axis=-1), rtol=1e-6
-    )
-
-
 def test_normal_gravity_is_no_vector(world):
     magnetic = changed(world, field="magnetic", gravimeter={"sigma": 1.0})
     scenario = changed(world, gravity={"field": "normal"})
@@ -120,15 +107,6 @@ def test_normal_gravity_is_no_vector(world):
     assert sensed_gravity(scenario.true, trajectory, [0]) is None
     known = known_gravity(scenario, trajectory)
     assert (known.residual_sigma, known.residual) == (0.0, None)
-
-
-def test_averaging_keeps_means_and_places():
-    latitude, longitude = 0.6 + 1e-5 * np.arange(30), 2.5 + 1e-5 * np.arange(40)
-    values = latitude[:, None] + 2.0 * longitude
-    coarse = averaged(FieldMap(latitude, longitude, values, "m/s²", "disturbance"), 200.0)
-    assert coarse.values.shape < values.shape
-    expected = coarse.latitude[:, None] + 2.0 * coarse.longitude
-    np.testing.assert_allclose(coarse.values, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

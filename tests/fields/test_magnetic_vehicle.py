@@ -65,15 +65,6 @@ def test_what_is_told_is_taken_off(field_map, clean):
     assert np.ptp(moment) > 5.0
 
 
-def test_eddy_currents_in_turns(field_map, clean):
-    eddy = "magnetometer.aircraft.eddy=[0.1,0.0,0.0,0.0,-0.1,0.0,0.0,0.0,0.0]"
-    added = readings_of(field_map, f"truth.{eddy}", runs=(0,)) - clean[:1]
-    left = readings_of(field_map, eddy, runs=(0,)) - clean[:1]
-    assert np.abs(added).max() > 10.0
-    # the rate of a whole step, half a second late, where a turn begins or ends
-    assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(added**2))
-
-
 def test_coefficients_from_a_file(field_map, clean, tmp_path):
     file = tmp_path / "own.yaml"
     Compensation(CRAFT.coefficients()).write(file)

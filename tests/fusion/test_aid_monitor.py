@@ -51,9 +51,8 @@ def off(it: InertialNavigator) -> float:
     return float(np.hypot(*horizontal_difference(*place, truth.latitude[k], truth.longitude[k])))
 
 
-@pytest.mark.parametrize("run", range(2))
-def test_honest_ones_are_used(run) -> None:
-    it = flown(fixes_of(run=run), 1200)
+def test_honest_ones_are_used() -> None:
+    it = flown(fixes_of(), 1200)
     assert it.monitors[SATELLITES].wrong_since is None
     assert off(it) < 6.0
 
@@ -71,18 +70,16 @@ def test_what_false_ones_have_done_is_undone() -> None:
     assert off(it) < 4.0 * np.sqrt(np.trace(it.state.covariance[:2, :2])) < 100.0
 
 
-@pytest.mark.parametrize("other_paths", [0.0, 0.1])
-def test_they_are_used_again_when_they_have_agreed_for_a_while(other_paths) -> None:
+def test_they_are_used_again_when_they_have_agreed_for_a_while() -> None:
     """Velocities by other paths may be off by 0.1 m/s for a long time, three times their noise,
     which does not hold back trust."""
     back = 500
     fixes = fixes_of(**WALK, end=float(back))
-    fixes[1].values[0, back:, 0] += other_paths
+    fixes[1].values[0, back:, 0] += 0.1
     it = flown(fixes, round(back + AGREED_FOR) - 5)
     assert it.monitors[SATELLITES].wrong_since is not None
     on(it, fixes, round(back + AGREED_FOR) + 30)
     assert it.monitors[SATELLITES].wrong_since is None
-    assert other_paths or off(it) < 6.0
 
 
 def test_fixes_beyond_the_gate_one_after_the_other_are_no_outliers() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from isogal.errors import InputError
-from isogal.maps.error_ellipses import axes_of, ellipses_of, impossible, joint, mean_length
+from isogal.maps.error_ellipses import axes_of, ellipses_of, impossible, mean_length
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.maps.load import load_map
 
@@ -27,37 +27,6 @@ def test_axes_and_matrix_are_the_same_thing():
     assert not impossible(ellipses).any()
     assert impossible(np.array([[1.0, 2.0, 1.0], [-1.0, 0.0, 1.0]])).all()
     assert not impossible(np.full(3, np.nan))
-
-
-def test_one_ellipse_everywhere_is_a_metric():
-    random = np.random.default_rng(1)
-    places = random.uniform(0.0, 9e3, (6, 2))
-    apart = places - places[:, None]
-    ellipse = ellipses_of(*(axis[:1] for axis in (LONGEST, SHORTEST, AZIMUTH)))
-    same = np.repeat(ellipse, 6, axis=0)
-    distance, alike = joint(np.moveaxis(apart, -1, 0), same, same)
-    c, s = np.cos(AZIMUTH[0]), np.sin(AZIMUTH[0])
-    along, across = apart @ [c, s] / 4e3, apart @ [-s, c] / 1e3
-    np.testing.assert_allclose(distance, np.hypot(along, across), atol=1e-9)
-    np.testing.assert_allclose(alike, 1.0)
-
-
-def test_ellipses_that_differ_give_a_correlation():
-    random = np.random.default_rng(2)
-    places = random.uniform(0.0, 6e3, (80, 2))
-    longest = random.uniform(800.0, 5e3, 80)
-    ellipses = ellipses_of(longest, 0.3 * longest, random.uniform(0.0, np.pi, 80))
-    distance, alike = joint(np.moveaxis(places - places[:, None], -1, 0), ellipses, ellipses)
-    for correlation in (np.exp(-distance), (1.0 + distance) * np.exp(-distance)):
-        matrix = alike * correlation
-        np.testing.assert_allclose(np.diag(matrix), 1.0)
-        assert np.linalg.eigvalsh(matrix)[0] > -1e-9
-    # circles: L_i L_j / l² exp(-d / l), l² the mean of the squares
-    circles = ellipses_of(longest, longest, 0.0 * longest)
-    distance, alike = joint(np.moveaxis(places - places[:, None], -1, 0), circles, circles)
-    square = 0.5 * (longest[0] ** 2 + longest[1] ** 2)
-    assert alike[0, 1] == pytest.approx(longest[0] * longest[1] / square)
-    assert distance[0, 1] == pytest.approx(np.hypot(*(places[1] - places[0])) / np.sqrt(square))
 
 
 def test_a_map_keeps_them_in_windows_and_files(small_map, tmp_path):

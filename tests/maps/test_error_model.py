@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from isogal.fields.map_error import TrueMapError
-from isogal.maps.error_model import displacements, shares, smooth, tensor_covariance
+from isogal.maps.error_model import displacements, smooth, tensor_covariance
 from isogal.maps.potential import COMPONENTS, operator
 from isogal.maps.spectral import waves_of
 from isogal.scenario import validate_scenario
@@ -50,21 +50,6 @@ def test_it_is_the_inverse_transform_of_the_spectrum():
         # the grid has no wave shorter than two cells, nor any longer than itself
         np.testing.assert_allclose(here, expected, atol=0.012)
         assert np.abs(expected).max() > 0.02
-
-
-def test_the_trace_is_zero():
-    for apart in (0.0, 0.0), (300.0, -200.0), (1e6, 2e6):
-        of_trace = covariance(apart)[:, [0, 3, 5]].sum(axis=1)
-        np.testing.assert_allclose(of_trace, 0.0, atol=1e-14)
-
-
-def test_at_one_place_and_far_away():
-    np.testing.assert_allclose(np.diag(covariance((0.0, 0.0))), shares(COMPONENTS), atol=1e-15)
-    np.testing.assert_allclose(shares(COMPONENTS), [3 / 8, 1 / 8, 1 / 2, 3 / 8, 1 / 2, 1.0])
-    dd = covariance((300.0, 400.0))[5, 5]
-    assert dd == pytest.approx(np.exp(-500.0 / LENGTH), rel=1e-12)
-    for near, far in (((0.0, 0.0), (0.01, 0.02)), ((0.0, 799e3), (0.0, 801e3))):
-        np.testing.assert_allclose(covariance(near), covariance(far), atol=1e-4)
 
 
 def test_drawn_fields_have_this_covariance():

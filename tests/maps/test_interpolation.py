@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from isogal.maps.interpolation import (
     Grid,
-    bilinear_at,
     look_up,
     value_and_gradient,
     values_and_gradients,
@@ -110,16 +109,3 @@ def test_array_versions_equal_the_single_point_to_the_last_digit(around):
             many = np.stack(values_and_gradients(grid, lat, lon), axis=1)
             np.testing.assert_array_equal(many, single)
             np.testing.assert_array_equal(values_at(grid, lat, lon), single[:, 0])
-
-
-def test_bilinear_stays_between_its_nodes_and_is_nan_outside():
-    values = np.abs(noise())
-    rng = np.random.default_rng(4)
-    lat, lon = rng.uniform(0.0, 29.0, 300), STEP * rng.uniform(0.0, 39.0, 300)
-    out = bilinear_at(grid_of(values), lat, lon)
-    i, j = lat.astype(int), np.minimum((lon / STEP).astype(int), 38)
-    corners = np.stack([values[i, j], values[i + 1, j], values[i, j + 1], values[i + 1, j + 1]])
-    assert (out >= corners.min(axis=0) - 1e-12).all()
-    assert (out <= corners.max(axis=0) + 1e-12).all()
-    beyond = bilinear_at(grid_of(values), np.array([-0.1, 29.1]), np.array([0.1, 0.1]))
-    assert np.isnan(beyond).all()

@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 
 from helpers.batches import ORIGIN, field_map_of
-from helpers.point_masses import drawn_errors
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps.potential import (
     COMPONENTS,
-    INDEPENDENT,
     VECTOR,
     derivatives,
     from_deflections,
@@ -44,11 +42,6 @@ def map_of_mass(depth, shift=(0.0, 0.0)):
     return field_map_of(down, half=60e3, step=500.0)
 
 
-def flat(half=60e3, step=600.0, **keys):
-    """A map without a field, whose errors are told."""
-    return replace(field_map_of(lambda n, e: 0.0 * n * e, half=half, step=step), **keys)
-
-
 def local_metres(field_map):
     north, east = metres_per_radian(ORIGIN[0])
     return (
@@ -75,26 +68,6 @@ def test_point_mass(depth, height, names):
         assert np.abs(channel.values - expected[name])[kept].max() < 0.012 * largest, name
         said = ("m/s²", name) if names is VECTOR else ("1/s²", "gradient")
         assert (channel.unit, channel.quantity) == said
-
-
-def test_degrees_of_longitude_get_shorter_to_the_south():
-    """A map four degrees high: a mass far south of its middle still has the tensor that its own
-    surroundings have."""
-    latitude = np.radians(np.arange(-40.0, -35.9, 0.01))
-    longitude = np.radians(np.arange(146.0, 148.01, 0.01))
-    middle = np.radians(-39.0), np.radians(147.0)
-    metres = metres_per_radian(middle[0])
-    north = (latitude - middle[0])[:, None] * metres[0]
-    east = (longitude - middle[1])[None, :] * metres_per_radian(latitude)[1][:, None]
-    expected = point_mass(north, east, 6000.0)
-    small = field_map_of(lambda n, e: n + e, step=2000.0)
-    maps = derivatives(
-        replace(small, latitude=latitude, longitude=longitude, values=expected["disturbance"])
-    )
-    near = np.hypot(north, east) < 15e3
-    for name, channel in zip(INDEPENDENT, maps.channels, strict=True):
-        error = np.abs(channel.values - expected[name])[near].max()
-        assert error < 0.015 * np.abs(expected["dd"]).max(), name
 
 
 def test_a_hole_is_left_out_with_its_surroundings():
@@ -129,56 +102,6 @@ HOLED = np.where(np.arange(81)[:, None] < 30, np.nan, SMALL.values)
 def test_maps_without_derivatives_are_refused(changes, keys, message):
     with pytest.raises(InputError, match=message):
         derivatives(replace(SMALL, **changes), **keys)
-
-
-@pytest.mark.parametrize(
-    ("length", "within", "kind"), [(None, 0.08, "quantisation"), (3000.0, 0.05, "sigma")]
-)
-def test_errors_of_the_map_go_through_the_transform(length, within, kind):
-    """Draws of white noise or of a field with covariance exp(-d / L), against the gain by their
-    spectrum, which takes the grid's rectangle of wavenumbers for a disc."""
-    spread = []
-    for seed in range(6):
-        values = 1e-5 * drawn_errors(seed, length, len(flat().latitude), 600.0)
-        maps = derivatives(flat(values=values), COMPONENTS, height=200.0).channels
-        spread.append([np.nanmean(channel.values**2) for channel in maps])
-    maps = derivatives(
-        flat(**{kind: 1e-5}, correlation_length=length), COMPONENTS, height=200.0
-    ).channels
-    gain = [getattr(channel, kind) for channel in maps]
-    np.testing.assert_allclose(gain, np.sqrt(np.mean(spread, axis=0)), rtol=within)
-    other = {"quantisation": "sigma", "sigma": "quantisation"}[kind]
-    assert not any(getattr(channel, other) for channel in maps)
-
-
-def test_errors_of_a_gradient_hold_together_over_the_height_or_a_cell():
-    def error_lengths(step, height, length=4000.0):
-        stated = flat(half=30e3, step=step, sigma=1e-5, correlation_length=length)
-        maps = derivatives(stated, COMPONENTS, height=height, edge=0.0).channels
-        return np.array([one.correlation_length for one in maps])
-
-    coarse, fine = error_lengths(900.0, 100.0), error_lengths(200.0, 100.0)
-    assert (coarse > 0.3 * 900.0).all() and (coarse < 1.5 * 900.0).all()
-    high = error_lengths(200.0, 1000.0)
-    assert (high > 2000.0).all() and (high < 4000.0).all()
-    assert (fine < error_lengths(200.0, 400.0)).all()
-    np.testing.assert_allclose(fine, error_lengths(200.0, 100.0, 8000.0), rtol=0.1)
-
-
-def test_errors_of_the_map_go_into_each_component_of_the_vector():
-    """Half of the variance each."""
-    stated = flat(step=1000.0, sigma=2 * MGAL, correlation_length=3000.0, height=100.0)
-    down, north, east = derivatives(stated, VECTOR).channels
-    assert down.sigma == pytest.approx(2 * MGAL)
-    for one in (north, east):
-        np.testing.assert_allclose(one.sigma, np.sqrt(2.0) * MGAL, rtol=1e-3)
-        assert one.correlation_length == pytest.approx(down.correlation_length, rel=1e-6)
-    above = derivatives(stated, VECTOR, height=900.0).channels[0]
-    assert above.height == 1000.0
-    assert above.sigma < 1.6 * MGAL
-    silent = derivatives(flat(step=1000.0, quantisation=1e-6), VECTOR).channels
-    assert [one.correlation_length for one in silent] == [None] * 3
-    assert silent[0].quantisation == 1e-6
 
 
 def test_deflections_become_gravity_and_back():

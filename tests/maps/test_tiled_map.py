@@ -15,7 +15,6 @@ from isogal.maps.axes import TWO_PI, EmptyWindowError, TooManyCellsError
 from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.tiled_map import TiledMap, map_along
-from isogal.montecarlo.cases import map_digest
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import load_scenario
 
@@ -127,27 +126,6 @@ def test_what_cannot_be_read_is_no_empty_map(whole, tiled):
         TiledMap(partial(part_of, whole), away)
 
 
-def test_the_parts_are_the_nodes_of_the_corridor_each_once(whole, tiled):
-    found = np.zeros(whole.values.shape, dtype=int)
-    for part in tiled.parts():
-        rows = np.rint((part.latitude - whole.latitude[0]) / whole.step[0]).astype(int)
-        columns = np.rint((part.longitude - whole.longitude[0]) / whole.step[1]).astype(int)
-        found[np.ix_(rows, columns)] += 1
-        np.testing.assert_array_equal(part.values, whole.values[np.ix_(rows, columns)])
-    assert set(np.unique(found)) == {0, 1}
-    along = np.stack([tiled.corridor.latitude, tiled.corridor.longitude], axis=1)
-    nodes = np.rint((along - (whole.latitude[0], whole.longitude[0])) / whole.step).astype(int)
-    assert (found[tuple(nodes.T)] == 1).all()
-    assert 0.1 < found.mean() < 0.7
-
-
-def test_digest_is_of_the_numbers_in_the_corridor(whole, tiled):
-    changed = replace(whole, values=whole.values.copy())
-    changed.values[80, 80] += 1e-5
-    again, other = (along_the_diagonal(partial(part_of, one)) for one in (whole, changed))
-    assert map_digest(again) == map_digest(tiled) != map_digest(other)
-
-
 def test_sent_to_another_process_without_what_was_read(whole, tiled, places):
     tiled.value(*places)
     sent = pickle.dumps(TiledMap(partial(part_of, None), tiled.corridor, tiled.near(*ORIGIN)))
@@ -155,19 +133,6 @@ def test_sent_to_another_process_without_what_was_read(whole, tiled, places):
     got = pickle.loads(pickle.dumps(tiled))
     assert not got._read
     np.testing.assert_array_equal(got.value(*places), tiled.value(*places))
-
-
-def test_overview_is_empty_off_the_corridor(whole, tiled):
-    shown = tiled.overview(60)
-    assert shown.values.shape == (60, 60)
-    known = np.isfinite(shown.values)
-    assert 0.1 < known.mean() < 0.7
-    latitude, longitude = np.meshgrid(shown.latitude, shown.longitude, indexing="ij")
-    np.testing.assert_allclose(
-        shown.values[known], whole.value(latitude, longitude)[known], atol=1e-15
-    )
-    framed = tiled.overview(30, tiled.corridor.window.grown(30e3))
-    assert framed.values.shape == (30, 30) and 0.02 < np.isfinite(framed.values).mean() < 0.2
 
 
 def test_a_small_map_is_read_as_a_whole(whole, tiled, monkeypatch):

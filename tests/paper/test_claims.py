@@ -7,17 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from isogal.paper.cases import AIDING, DEFAULT, PAPER, RIVAL, TABLES, UNAIDED, Plan, Setting
+from isogal.paper.cases import AIDING, DEFAULT, PAPER, RIVAL, TABLES, UNAIDED, Plan
 from isogal.paper.claims import (
     FAILS,
     HOLDS,
     OPEN,
     RULES,
     judge,
-    paired,
-    quantum_gain,
 )
-from isogal.paper.iterations import Snapshot
 from isogal.paper.measure import AlongTrack, Outcome, Results, Tracks
 
 TIME = np.arange(0.0, 12961.0, 60.0)
@@ -94,14 +91,6 @@ def test_every_claim_is_decided():
         assert claim.verdict in (HOLDS, FAILS, OPEN)
 
 
-def test_paired_difference_uses_common_runs():
-    a, b = outcome(Setting(), 100.0), outcome(Setting(), 101.0)  # the same random numbers
-    assert paired(b, a) > 50.0
-    assert paired(a, b) == -paired(b, a)
-    assert abs(paired(outcome(Setting(), 100.0, seed=3), outcome(Setting(), 100.5, seed=4))) < 2.0
-    assert paired(a, a) == 0.0
-
-
 def trend(noise, short):
     """Errors that are so many times larger at high noise, and with T = 15."""
 
@@ -166,42 +155,3 @@ VERDICTS = [
 )
 def test_verdicts(expected, outcomes, key):
     assert verdict(key, results(outcomes)) == expected
-
-
-@pytest.mark.parametrize(("factor", "expected"), [(0.94, HOLDS), (0.997, FAILS)])
-def test_quantum_gain(factor, expected):
-    outcomes = all_outcomes()
-    random = np.random.default_rng(5)
-    better = Setting(grade="quantum_accelerometer", aided=False)
-    scatter = factor * (1.0 + 0.01 * random.standard_normal((RUNS, 1)))
-    outcomes[better] = replace(
-        outcomes[better], unaided=outcomes[Setting(aided=False)].unaided * scatter
-    )
-    gain, error = quantum_gain(results(outcomes))
-    assert abs(gain - (1.0 - factor)) < 4 * error < 0.02
-    assert verdict("quantum gain", results(outcomes)) == expected
-
-
-def test_first_hour_needs_its_premise():
-    outcomes = all_outcomes()
-    key = Setting("disturbance", 1e-6, 30)
-    large_first = np.where(TIME <= 3600.0, 5.0, 1.0) * outcomes[key].error
-    outcomes[key] = replace(outcomes[key], error=large_first)
-    assert verdict("first hour", results(outcomes)) == HOLDS
-    flat = AlongTrack(TIME, np.sin(TIME), np.full(TIME.size, 1e-10), np.ones(TIME.size))
-    assert verdict("first hour", results(outcomes, signal={"disturbance": flat})) == OPEN
-
-
-def snapshot(movement, before, after):
-    states = np.zeros((16, 15, 2))
-    states[:, :, 0] = after + movement * np.arange(16)[::-1, None]
-    states[0, -1, 0] = before
-    return Snapshot(150.0, states, np.zeros((15, 2)), np.zeros((1, 2)), np.ones(1))
-
-
-@pytest.mark.parametrize("key", ["iterations", "drag"])
-def test_iterations(key):
-    good = tuple(snapshot(0.01, 500.0, 50.0) for _ in range(30))
-    bad = tuple(snapshot(50.0, 50.0, 500.0) for _ in range(30))
-    assert verdict(key, results(all_outcomes(), snapshots=good)) == HOLDS
-    assert verdict(key, results(all_outcomes(), snapshots=bad)) == FAILS

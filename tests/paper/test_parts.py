@@ -4,17 +4,11 @@ import numpy as np
 
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.montecarlo.engine import simulate
-from isogal.paper.cases import RIVAL, SETTINGS, Plan, Setting
+from isogal.paper.cases import Plan, Setting
 from isogal.paper.iterations import follow_iterations
 from isogal.paper.lookups import PROFILE_WINDOW, profile_example, window_example
-from isogal.paper.measure import drift_by_theory, measure_tracks, roughness
+from isogal.paper.measure import measure_tracks, roughness
 from isogal.paper.published import FIGURE_54_READING_SIGMA, ITERATIONS
-
-
-def test_only_what_the_paper_does_not_publish_has_a_fifth_of_the_runs(two_maps):
-    plan = Plan(10, str(two_maps), 600.0)
-    assert len(SETTINGS) == len(set(SETTINGS))
-    assert all(plan.case(s).runs == (2 if s == RIVAL else 10) for s in SETTINGS)
 
 
 def test_last_iteration_is_the_fix(two_maps):
@@ -64,9 +58,3 @@ def test_retrodiction_revises_the_past_and_standard_aiding_does_not(two_maps):
     # after the last batch there is nothing to revise
     np.testing.assert_array_equal(late.live[:, -6:], late.revised[:, -6:])
     assert roughness(late.revised) < roughness(late.live)
-
-
-def test_drift_by_theory_ends_with_the_runs(two_maps):
-    truth = Plan(1, str(two_maps), 1200.0).scenario(Setting()).true
-    assert np.isnan(drift_by_theory(truth, 1300.0))
-    assert 70.0 < drift_by_theory(truth, 1200.0) < 400.0

@@ -5,14 +5,11 @@ import re
 import shlex
 import stat
 import subprocess
-import sys
-import time
 from pathlib import Path
 
-import pytest
 import yaml
 
-from helpers.packages import APT, ROOT, executables
+from helpers.packages import ROOT, executables
 
 DOCKER = ROOT / "docker"
 INSTALLED = re.compile(
@@ -75,16 +72,6 @@ def test_every_node_has_a_service_on_the_loopback_that_runs_what_there_is() -> N
             assert (ROOT / "src" / match["share"] / match["file"]).is_file(), match.group()
 
 
-def test_pip_leaves_alone_what_apt_installs() -> None:
-    lock = (DOCKER / "requirements.lock").read_text(encoding="utf-8")
-    from_pip = set(re.findall(r"^([a-z0-9-]+)==", lock, re.M))
-    versions = (DOCKER / "apt-versions.txt").read_text(encoding="utf-8")
-    from_apt = set(re.findall(r"^([a-z0-9]+)==", versions, re.M))
-    assert not from_pip & from_apt
-    keys = {f"python3-{name}" for name in from_apt - {"pyyaml"}} | {"python3-yaml"}
-    assert keys <= set(APT.values())
-
-
 def test_entrypoint_finds_the_workspace_outside_of_the_image(tmp_path: Path) -> None:
     """The one that is named, the one beside it, merged or not; with neither one line, and no
     command."""
@@ -111,47 +98,3 @@ def test_entrypoint_finds_the_workspace_outside_of_the_image(tmp_path: Path) -> 
         command.chmod(0o755)
         (tmp_path / folder / "setup.bash").write_text(f"export WORKSPACE={folder}\n")
         assert run(**environment).stdout.split() == [folder]
-
-
-def own_words(output: str) -> str:
-    """Output without what the middleware says of its shared memory, which others use, too."""
-    return "".join(line for line in output.splitlines(True) if "RTPS_TRANSPORT" not in line)
-
-
-@pytest.mark.ros
-def test_healthcheck_tells_a_live_node_from_a_silent_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("rclpy")
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-
-    from helpers.domains import claim_domain
-    from isogal_ros.graph.domain import quiet_node
-
-    statuses = [
-        DiagnosticStatus(name="vehicle/live", level=DiagnosticStatus.OK),
-        DiagnosticStatus(name="ill", level=DiagnosticStatus.ERROR, message="map too small"),
-    ]
-    expected = {
-        "--timeout 60 live": (0, ""),
-        "--timeout 60 live ill": (1, "ill: map too small\n"),
-        "--timeout 2 silent": (1, "silent: silent for 2 s\n"),
-    }
-    with claim_domain() as domain, quiet_node("live", domain) as node:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        checks = {
-            arguments: subprocess.Popen(
-                [sys.executable, DOCKER / "healthcheck.py", *arguments.split()],
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-            for arguments in expected
-        }
-        while any(check.poll() is None for check in checks.values()):
-            publisher.publish(DiagnosticArray(status=statuses))
-            time.sleep(0.1)
-    said = {
-        arguments: (check.wait(), own_words(check.communicate()[0]))
-        for arguments, check in checks.items()
-    }
-    assert said == expected

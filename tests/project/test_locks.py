@@ -53,30 +53,6 @@ def test_uv_hears_what_pip_is_told(tmp_path: Path) -> None:
     }
 
 
-def test_variables_of_uv_itself_stand(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PIP_INDEX_URL", "https://mirror.example.org/simple")
-    monkeypatch.setenv("PIP_TRUSTED_HOST", "mirror.example.org")
-    monkeypatch.setenv("UV_DEFAULT_INDEX", "https://own.example.org/simple")
-    monkeypatch.delenv("UV_INSECURE_HOST", raising=False)
-    monkeypatch.setattr(uv.os, "environ", uv.os.environ.copy())
-    monkeypatch.setattr(sys, "argv", ["uv.py", "pip", "list"])
-    calls: list[list[str]] = []
-    monkeypatch.setattr(uv.os, "execv", lambda program, words: calls.append([program, *words]))
-    uv.main()
-    program = str(Path(sys.executable).with_name("uv"))
-    assert calls == [[program, program, "pip", "list"]]
-    assert uv.os.environ["UV_DEFAULT_INDEX"] == "https://own.example.org/simple"
-    assert uv.os.environ["UV_INSECURE_HOST"] == "mirror.example.org"
-
-
-def test_options_of_a_command_override_those_of_all_and_no_index_is_for_pip() -> None:
-    listing = ":env:.proxy='c'\nglobal.proxy='a'\nglobal.timeout='9'\ninstall.proxy='b'\n"
-    assert uv.pip_options(listing) == {"proxy": "c", "timeout": "9"}
-    assert uv.pip_options(listing.partition("\n")[2]) == {"proxy": "b", "timeout": "9"}
-    with pytest.raises(ValueError, match="no-index"):
-        uv.uv_variables(uv.pip_options("global.no-index='true'\n"))
-
-
 def pins(name: str) -> dict[str, set[str]]:
     """Package -> its lines in a lock file, one for each environment marker."""
     found: dict[str, set[str]] = {}

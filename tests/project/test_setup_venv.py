@@ -135,16 +135,6 @@ def test_only_what_has_changed_is_installed_and_only_once(installed: Clone, what
     assert installed.calls() == (["get uv", f"uv {TOOLS}"] if calls == EVERYTHING else [])
 
 
-def test_a_run_does_not_wait_for_new_development_tools(installed: Clone) -> None:
-    installed.install("development")
-    (installed.root / "requirements-development.lock").write_text("pytest==9.3.0\n")
-    installed.calls()
-    installed.install()
-    assert installed.calls() == []
-    installed.install("development")
-    assert installed.calls() == ["get uv", f"uv {TOOLS}"]
-
-
 @pytest.mark.parametrize(("state", "calls"), [("no uv", []), ("bad uv", [f"uv {LOCK} {TOOLS}"])])
 def test_pip_installs_where_uv_does_not(clone: Clone, state: str, calls: list[str]) -> None:
     (clone.state / state).touch()

@@ -66,11 +66,6 @@ def test_truth_is_that_of_the_navigator_or_of_the_entries():
     assert it.true.informed.true == it.true
 
 
-def test_the_field_of_gravity_is_felt():
-    assert of(MAGNETIC, GRAVITY).gravity_field.measured_field == "gravity"
-    assert of(MAGNETIC).gravity_field.measured_field == "magnetic"
-
-
 @pytest.mark.parametrize(
     ("fields", "words"),
     [

@@ -53,13 +53,6 @@ def test_a_users_own_grade_also_of_a_name_that_there_is(own):
     assert sensors.accelerometer.bias == (0.0,) * 3
 
 
-def test_a_changed_file_is_read_anew(own, tmp_path):
-    assert Imu(grade="mine", grades=own)
-    (tmp_path / "grades.yaml").write_text("other: {}\n" + OWN.replace("mine", "yours"))
-    with pytest.raises(ValueError, match=r"'mine' is not known; allowed: .*yours"):
-        Imu(grade="mine", grades=own)
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -78,12 +71,3 @@ def test_a_bad_file_gives_one_line(tmp_path, text, says):
     assert says in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_resolved_gives_every_error():
-    document = Imu(grade="tactical", gyroscope={"bias": "2deg/h"}).resolved()
-    assert document["gyroscope"]["bias"] == pytest.approx((2.0 * DEG_PER_HOUR,) * 3)
-    assert document["accelerometer"]["scale_factor"] == pytest.approx((3e-4,) * 3)
-    for key in Imu.errors:
-        section, _, name = key.partition(".")
-        assert len(document[section][name]) == 3

@@ -18,8 +18,7 @@ from isogal.sensors.barometer import (
     simulate_heights,
     standard_pressure,
 )
-from isogal.sensors.heading_aid import declination, simulate_headings
-from isogal.sensors.magnetometer import field_vector
+from isogal.sensors.heading_aid import simulate_headings
 from isogal.sensors.position_aid import simulate_positions
 from isogal.sensors.satellites import simulate_satellites
 from isogal.sensors.trajectory import build_trajectory
@@ -123,21 +122,6 @@ def test_a_heading_is_that_of_the_bow(kind):
     east = math.radians(11.9) if kind == "compass" else 0.0
     off = np.remainder(seen.values[0] + east - true + math.pi, 2.0 * math.pi) - math.pi
     np.testing.assert_allclose(off, 0.0, atol=5e-3 if east else 1e-6)
-
-
-def test_declination_between_points_of_the_grid():
-    """Within a milliradian of the field at the place itself, also across the date line."""
-    for latitude, longitude in ((-37.8, 144.7), (10.1, -179.8)):
-        north, east, _ = field_vector([latitude], [longitude], 0.0, 2025.0)[0]
-        there = declination(math.radians(latitude), math.radians(longitude), 2025.0)
-        assert there == pytest.approx(math.atan2(east, north), abs=1e-3)
-
-
-def test_the_truth_of_an_entry_is_its_own():
-    it, _ = in_turns("positions=[{sigma: 8, truth: {sigma: 3x}}, {name: usbl}]")
-    assert [one.sigma for one in it.true.positions] == [24.0, 10.0]
-    assert it.true.informed.true == it.true  # not once more
-    assert [one.sigma for one in it.positions] == [8.0, 10.0]
 
 
 @pytest.mark.parametrize(

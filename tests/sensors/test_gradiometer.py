@@ -12,7 +12,6 @@ from helpers.statistics import within_chi_square
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gradient, normal_gravity
 from isogal.fields.gradient import GRADIENT
-from isogal.fields.map_error import TrueMapError
 from isogal.fields.measured import reading_sigma
 from isogal.fields.simulator import ReadingSimulator
 from isogal.maps.potential import derivatives
@@ -21,7 +20,6 @@ from isogal.scenario import (
     TENSOR_COMPONENTS,
     Gradiometer,
     Gravimeter,
-    MapError,
     Route,
     Scenario,
     load_scenario,
@@ -97,13 +95,6 @@ def test_noise_has_its_covariance():
     assert reading_sigma(scenario("gradiometer.sigma_eotvos=3")) == pytest.approx(3e-9)
 
 
-def test_all_components_of_an_outlier_are_outliers():
-    it = scenario("gravimeter.outlier_fraction=0.1", "gravimeter.outlier_sigma=1000")
-    large = np.abs(draw_noise(it, 0, 4000)) > 20.0 * EOTVOS
-    assert 0.05 < large.any(axis=1).mean() < 0.15
-    assert large[large.any(axis=1)].mean() > 0.95
-
-
 def test_readings_are_the_maps_channels():
     it = vehicle(sigma_eotvos=2.0)
     trajectory = build_trajectory(it)
@@ -116,15 +107,6 @@ def test_readings_are_the_maps_channels():
     assert within_chi_square(((noise / (2.0 * EOTVOS)) ** 2).sum(), noise.size)
     alone = ReadingSimulator(it.true, trajectory, TENSOR, [7]).raw
     np.testing.assert_array_equal(alone[0], simulator.raw[7])
-
-
-def test_each_channel_has_a_map_error_of_its_own():
-    error = MapError(sigma=5e-9, correlation_length=3000.0)
-    it = vehicle().model_copy(update={"map_error": error})
-    trajectory = build_trajectory(it)
-    errors = TrueMapError(it.true, trajectory, np.arange(10, 601, 10), range(40)).at_scans((2,))
-    assert errors.std() == pytest.approx(5e-9, rel=0.2)
-    assert abs(np.mean(errors[..., 0] * errors[..., 1])) < 0.2 * 25e-18
 
 
 @pytest.mark.parametrize(
@@ -156,18 +138,6 @@ def errors(run=0, felt=None, **settings):
     slow = replace(noise_of(told, Gravimeter()), white=0.0)
     noise = slow.draw(1, run, ROUTE.time[INDEX], felt.shape[1:])
     return noise + tilt_errors(told, RunScans(1, run, ROUTE, INDEX), felt)
-
-
-def test_a_turned_tensor_has_the_same_invariants():
-    random = np.random.default_rng(0)
-    tensor = random.standard_normal((4, 3, 3))
-    tensor = tensor + tensor.swapaxes(1, 2)
-    found = tilted(tensor, random.standard_normal((4, 3)))
-    np.testing.assert_allclose(np.linalg.eigvalsh(found), np.linalg.eigvalsh(tensor), rtol=1e-9)
-    # a quarter turn about down: the new north is the old east, the new east the old south
-    quarter = tilted(tensor, np.array([0.0, 0.0, 0.5 * np.pi]))
-    expected = np.stack([tensor[:, 1, 1], -tensor[:, 0, 1], tensor[:, 1, 2]], axis=-1)
-    np.testing.assert_allclose(quarter[:, 0], expected, atol=1e-12)
 
 
 def test_the_effect_is_the_derivative_of_the_turned_normal_gradient():
@@ -210,16 +180,6 @@ def test_what_is_not_measured_follows_by_the_trace_or_is_the_normal_gradient():
     np.testing.assert_allclose(
         np.median(ratio, axis=0), [1 - 400 / 4627, 1 - 500 / 4620], rtol=3e-3
     )
-
-
-def test_offsets_and_their_walk():
-    plain = errors(bias_eotvos=2.0)
-    assert np.ptp(plain, axis=0).max() == 0.0 and len(np.unique(plain[0])) == 5
-    both = np.stack([errors(run, bias_eotvos=2.0, bias_walk_eotvos=0.1) for run in range(200)])
-    spread = (both / EOTVOS).std(axis=(0, 2))
-    # of 1000 numbers, within 10 %: once in 100,000
-    np.testing.assert_allclose(spread, np.sqrt(4.0 + 0.01 * ROUTE.time[INDEX]), rtol=0.1)
-    assert not errors().any()
 
 
 def parameters(components, *more):

@@ -9,20 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lsim, lti
 
-from helpers.aids import in_turns
 from helpers.allan import allan_deviation
 from helpers.batches import noise_covariance
 from helpers.statistics import within_chi_square
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.earth.gravity import FREE_AIR, normal_gravity
-from isogal.fields.scenario_map import map_for_scenario
-from isogal.fields.simulator import true_readings
-from isogal.inertial.rotations import from_rotation_vector, matrix
 from isogal.matching.reading_noise import joined, noise_states
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction
 from isogal.sensors.gravimeter_errors import (
-    accelerations,
     missing,
     noise_of,
     reading_errors,
@@ -30,9 +25,8 @@ from isogal.sensors.gravimeter_errors import (
 )
 from isogal.sensors.lag import Lag, low_pass
 from isogal.sensors.noise import RunScans
-from isogal.sensors.platform import levelling_error, mean_error, tilted_reading
+from isogal.sensors.platform import levelling_error, mean_error
 from isogal.sensors.reduction import State, reduction_variance
-from isogal.sensors.satellites import turn_rates
 from isogal.sensors.trajectory import build_trajectory
 
 GRAVITY, DISTURBANCE = GravityReduction(), DisturbanceReduction()
@@ -47,18 +41,6 @@ def test_reductions_with_the_true_state_are_exact(gravity, latitude, height, nor
     assert DISTURBANCE.raw(disturbance, at) == pytest.approx(float(felt), abs=1e-14)
     assert GRAVITY.reduce(felt, at) == pytest.approx(gravity, abs=1e-14)
     assert DISTURBANCE.reduce(felt, at) == pytest.approx(disturbance, abs=1e-14)
-
-
-def test_felt_gravity():
-    # 31 mGal less at 100 m (free air); about 220 mGal less on the default course, as motion to the
-    # east reduces gravity (Eötvös)
-    still = GRAVITY.raw(9.8, State(-0.64, 2.5, 100.0, 0.0, 0.0))
-    assert (still - 9.8) / 1e-5 == pytest.approx(-30.86)
-    course = np.radians(57.0)
-    moving = GRAVITY.raw(
-        9.8, State(-0.64, 2.5, 100.0, 22.0 * np.cos(course), 22.0 * np.sin(course))
-    )
-    assert (moving - still) / 1e-5 == pytest.approx(-220.0, abs=10.0)
 
 
 @pytest.mark.parametrize("reduction", [GRAVITY, DISTURBANCE])
@@ -105,22 +87,6 @@ def test_one_at_a_lever_arm(kind):
     assert higher == pytest.approx(-2.0 * 3.086e-6, rel=1e-3)
 
 
-def test_a_simulated_reading_at_a_lever_arm_is_reduced_to_the_map():
-    """What simulator and reduction know of the arm is the same; it swings in turns."""
-    plain, trajectory = in_turns("gravity.field=normal")
-    with_arm, _ = in_turns("gravity.field=normal", "gravimeter.lever_arm=[40, 0, -2]")
-    field_map = map_for_scenario(plain, trajectory)
-    sensed = [true_readings(one.true, trajectory, field_map) for one in (plain, with_arm)]
-    assert np.ptp(sensed[1] - sensed[0]) > 1e-5
-    i = np.arange(10, len(trajectory) + 1, 10)
-    at = State(
-        trajectory.latitude[i], trajectory.longitude[i], trajectory.height[i],
-        *trajectory.velocity[i, :2].T, matrix(trajectory.attitude[i]), turn_rates(trajectory)[i],
-    )  # fmt: skip
-    reduced = GravityReduction(with_arm.gravimeter.lever_arm).reduce(sensed[1], at)
-    np.testing.assert_allclose(reduced, GravityReduction().reduce(sensed[0], at), atol=1e-12)
-
-
 TURNS = [[-37.9, 144.8, 22], [-37.75, 145.0, 22], [-37.8, 145.3, 22], [-37.4, 145.5, 22]]
 
 
@@ -155,20 +121,6 @@ def test_a_walk_of_the_bias_has_the_allan_deviation_of_a_random_walk():
     expected = 1e-7 * np.sqrt(taus / 3.0) * np.sqrt(1.0 + 1.0 / (2.0 * n))
     np.testing.assert_allclose(allan_deviation(walk, 0.1, taus), expected, rtol=0.08)
     assert walk[:, -1].std() == pytest.approx(1e-7 * np.sqrt(20000.0), rel=0.3)
-
-
-def test_accelerations_of_a_turn():
-    time = np.arange(0.0, 100.0, 10.0)
-    heading = 0.3 + 0.02 * time
-    speed = 20.0 + 0.1 * time
-    velocity = np.stack([speed * np.cos(heading), speed * np.sin(heading)], axis=1)
-    moving = accelerations(time, velocity)
-    assert moving.shape == (10, 2)
-    np.testing.assert_allclose(moving[1:, 0], 0.1, rtol=0.02)
-    middle = 20.0 + 0.1 * (time[1:] - 5.0)
-    np.testing.assert_allclose(moving[1:, 1], 0.02 * middle, rtol=0.02)
-    np.testing.assert_array_equal(moving[0], moving[1])
-    assert not accelerations(time, np.full((10, 2), 20.0)).any()
 
 
 def test_errors_go_with_accelerations_in_turns_and_with_the_square_of_the_speed():
@@ -221,15 +173,6 @@ def levelling_of(runs, **keys):
     )
 
 
-def test_it_is_the_force_along_the_turned_axis():
-    force, tilt = np.array([0.3, -0.2, -9.8]), np.array([2e-3, -3e-3, 0.0])
-    turned = matrix(np.array(from_rotation_vector(*tilt)))
-    expected = -float(force @ turned[:, 2])
-    got = tilted_reading(force[None], tilt[:1], tilt[1:2])
-    assert got[0] == pytest.approx(expected, abs=1e-8)  # third order in the tilt
-    assert abs(expected - 9.8) > 4e-4
-
-
 def test_its_mean_and_covariance_are_those_that_the_matcher_assumes():
     """60 runs of 6000 s, correlated over 150 s, so of some 1200 independent values; for a
     chi-square the standard error of a variance is 8 % then."""
@@ -242,17 +185,6 @@ def test_its_mean_and_covariance_are_those_that_the_matcher_assumes():
     for lag in (0, 1, 15, 30):
         measured = (apart[:, : apart.shape[1] - lag] * apart[:, lag:]).mean()
         assert measured == pytest.approx(assumed[0, lag], abs=0.25 * assumed[0, 0]), lag
-
-
-def test_in_a_turn_it_takes_horizontal_force():
-    settings, time = Gravimeter(platform_tilt=2e-3, platform_time=300.0), 10.0 * np.arange(4)
-    velocity = np.outer(time, [0.2, -0.1])
-    still, moving = (
-        noise_covariance(joined(noise_states(settings, time, v)), np.zeros(4), time)
-        for v in (0.0 * velocity, velocity)
-    )
-    expected = 4e-6 * 0.05 * np.exp(-np.abs(time[:, None] - time) / 300.0)
-    np.testing.assert_allclose(moving - still, expected, rtol=1e-9)
 
 
 def test_the_filter_is_that_of_scipy():
@@ -273,15 +205,3 @@ def test_a_late_instrument_reads_what_was_once_its_filter_has_settled():
     assert np.isfinite(read).tolist() == [False, True, True]
     # of a ramp: the mean age is the delay and the time constant
     assert read[2] == pytest.approx(200.0 - 15.0, abs=1e-6)
-
-
-def test_ages_stand_for_the_filter():
-    lag = Lag(delay=8.0, filter_time=20.0)
-    ages, weight = lag.ages()
-    assert weight.sum() == pytest.approx(1.0)
-    assert ages @ weight == pytest.approx(lag.mean)
-    # a sine of 4 km at 22 m/s: damped and late by the filter's transfer function
-    frequency = 2.0 * np.pi * 22.0 / 4000.0
-    response = np.exp(-1j * frequency * ages) @ weight
-    expected = np.exp(-1j * frequency * 8.0) / (1.0 + 1j * frequency * 20.0)
-    assert abs(response - expected) < 1e-3

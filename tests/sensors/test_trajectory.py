@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from isogal.earth.ellipsoid import radii
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.scenario import Imu, Route, Scenario
-from isogal.sensors.trajectory import _Guide, build_trajectory, rhumb_azimuth
+from isogal.sensors.trajectory import _Guide, build_trajectory
 
 CORNERS = ((-38.0, 144.5, 22.0), (-37.9, 144.9, 40.0), (-38.0, 145.1, 15.0), (-37.8, 145.2, 22.0))
 
@@ -38,18 +37,6 @@ def test_default_route_is_that_of_the_paper():
     np.testing.assert_allclose(speed, 22.0, rtol=1e-14)
     assert np.ptp(headings(trajectory)) == 0.0
     assert distance(trajectory, (-35.0, 150.0))[-1] < 22.0
-
-
-def test_rhumb_azimuth():
-    assert rhumb_azimuth(0.1, 3.1, 0.1, -3.1) == pytest.approx(
-        np.pi / 2
-    )  # along a parallel, across the date line
-    assert rhumb_azimuth(-0.1, 1.0, 0.1, 1.0) == 0.0
-    # due to the ellipsoid's shape 1 % of latitude near the equator: dlon / (M / N dlat)
-    meridian, normal = radii(0.0)
-    assert rhumb_azimuth(0.0, 0.0, 1e-4, 1e-4) == pytest.approx(
-        np.arctan2(normal, meridian), abs=1e-7
-    )
 
 
 def test_a_route_over_a_pole_is_refused():
@@ -95,20 +82,6 @@ def test_a_point_inside_the_turning_circle_is_reached(points, turn_rate):
     trajectory = route(waypoints=points, turn_rate=turn_rate)
     assert distance(trajectory, points[-1][:2])[-1] < 22.0
     assert np.abs(np.diff(np.unwrap(headings(trajectory)))).max() <= turn_rate + 1e-12
-
-
-def test_survey_lines_close_together_are_driven():
-    """Lines 11 km long and two turning radii apart: turns start near their ends, not kilometres
-    before."""
-    lines = [
-        ((-38.0, -37.9)[(k + end) % 2], 144.5 + 0.025 * k, 22.0)
-        for k in range(4)
-        for end in (0, 1)
-    ]
-    trajectory = route(waypoints=tuple(lines))
-    for *place, _ in lines:
-        assert distance(trajectory, place).min() < 0.5 * 22.0 / 0.02
-    assert trajectory.time[-1] < 1.2 * (4 * 11.1e3 + 3 * 2.2e3) / 22.0
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def write_survey(path, shape, count, readings, lines):
     path.write_text("\n".join(["latitude,longitude,line,mag[nT]", *rows]) + "\n")
 
 
-@settings(max_examples=5, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=2, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @example("two lines crossing", 400, "true", 2, ("--level",))
 @example("two lines crossing", 60, "constant", 2, ("--level",))
 @example("gap", 5000, "true", 1, ())

@@ -10,8 +10,6 @@ import rasterio
 
 from helpers.batches import field_map_of, wavy
 from helpers.command_line import answer, refusal
-from isogal.cli.map.figures import map_figure
-from isogal.evaluation.figures.style import png
 from isogal.maps import tiled_map
 from isogal.maps.formats.netcdf_writing import write_netcdf
 
@@ -52,16 +50,6 @@ def test_a_route_adds_the_expected_accuracy_of_fixes(file, tmp_path):
     text = answer("map", "info", file, *ROUTE, "--figure", picture)
     assert "worst (m)" in text
     assert text.endswith(f"{picture}\n")
-
-
-def test_the_options_of_the_errors_count(file):
-    wrong = "--map-sigma", 1e-5
-    found = [
-        described(file, *ROUTE, *words)["route"]["stretches"][0]["sigma_worst"]
-        for words in ((), wrong, (*wrong, "--map-correlation-length", 500), ("--bias-sigma", 1e-4))
-    ]
-    assert found[0] < min(found[1:])
-    assert found[1] != found[2]
 
 
 def test_the_scenario_counts_as_in_a_run(file):
@@ -154,13 +142,3 @@ def test_a_window_is_enough(rough):
     words = ("--window", -36.55, -36.45, 146.95, 147.05, "--json", "--headings", 2)
     found = json.loads(answer("map", "navigability", rough, *words))
     assert max(found["nodes"]) < 40
-
-
-def test_holes_constant_values_and_strips_can_be_drawn(small_map):
-    holed = np.where(small_map.values > 4e-4, np.nan, small_map.values)
-    for odd in (
-        replace(small_map, values=np.full_like(holed, 1e-4)),
-        replace(small_map, latitude=small_map.latitude[:6], values=small_map.values[:6]),
-        replace(small_map, values=holed.astype(np.float32)),
-    ):
-        assert png(map_figure(odd)).startswith(b"\x89PNG")

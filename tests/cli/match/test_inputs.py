@@ -133,18 +133,6 @@ def test_the_map_is_continued_to_the_height_of_the_readings(files, tmp_path):
     assert "goes with --height" in refusal(*words, "--map-height", 0)
 
 
-def test_readings_beside_the_map_are_mentioned(files, tmp_path):
-    map_file, *_ = files["disturbance"]
-    half = field_of("disturbance").latitude
-    track, _, _ = made_track(field_of("disturbance"))
-    beyond = np.where(np.arange(60) < 55, track.latitude, half[-1] + 0.001)
-    path = write_csv(tmp_path / "t.csv", replace(track, latitude=beyond))
-    matcher = ("--matcher", "pmht-paper")
-    status, _, said = call("match", "--map", map_file, "--track", path, *matcher)
-    assert status == 0
-    assert "t.csv: the map has no value at 5 of 60 readings as recorded" in said
-
-
 def test_lines_stations_and_all_readings_at_once(files, tmp_path):
     map_file, track_file, *_ = files["disturbance"]
     header, *rows = (row.partition(",")[2] for row in track_file.read_text().splitlines())

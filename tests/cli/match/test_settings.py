@@ -36,18 +36,6 @@ def test_keys_of_set_are_in_the_unit_inside_and_options_win():
 
 
 @pytest.mark.parametrize(
-    ("of_map", "assumed", "length"),
-    [
-        ({}, Assumptions(), 4000.0),
-        ({"correlation_length": 2500.0}, Assumptions(), 2500.0),
-        ({"correlation_length": 2500.0}, Assumptions(map_correlation_length=1500.0), 1500.0),
-    ],
-)
-def test_correlation_length_is_that_of_the_option_else_of_the_map(of_map, assumed, length):
-    assert settings_of(assumed, **of_map).map_correlation_length == length
-
-
-@pytest.mark.parametrize(
     ("of_map", "set_", "said"),
     [({}, None, True), ({"sigma": 1e-5}, None, False), ({}, ["matcher.map_sigma=0"], False)],
 )

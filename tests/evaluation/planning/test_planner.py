@@ -11,10 +11,8 @@ from helpers.batches import ORIGIN, field_map_of, wavy
 from isogal.errors import InputError
 from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.planning.areas import inside, read_areas
-from isogal.evaluation.planning.belief import Edges
 from isogal.evaluation.planning.files import write_path, write_route
-from isogal.evaluation.planning.lattice import lattice_between
-from isogal.evaluation.planning.planner import RouteRequest, plan_route, through
+from isogal.evaluation.planning.planner import RouteRequest, plan_route
 from isogal.scenario import load_scenario, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
@@ -65,17 +63,6 @@ def test_what_it_promises_is_the_bound_of_the_route_that_it_writes(planned, tmp_
     )
     bound = posterior_cramer_rao(scenario.true, build_trajectory(scenario), FIELD)
     assert bound.rms[-1] == pytest.approx(planned.route.error, rel=1e-3)
-
-
-def test_the_belief_along_an_edge_is_the_bound():
-    lattice = lattice_between(START, GOAL, 0.15, [], shortest=60e3)
-    edges = Edges(TRUTH, lattice, FIELD)
-    start, began = edges.start(*START)[None], np.array([START]).T
-    P = edges.along(start, *began, np.zeros(1), len(lattice.rise) // 2)[0]
-    route = through(TRUTH.route, np.array([START, GOAL]))
-    driven = TRUTH.model_copy(update={"route": route})
-    bound = posterior_cramer_rao(driven, build_trajectory(driven), FIELD)
-    assert np.sqrt(P[0, 0] + P[1, 1]) == pytest.approx(bound.rms[-1], rel=0.1)
 
 
 def test_a_ceiling_gives_a_shorter_route(planned):
@@ -141,12 +128,6 @@ def test_bad_areas_are_refused(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_areas(path)
-
-
-def test_holes_are_outside():
-    outer, hole = (np.array(square(0.0, 0.0, half)) for half in (10e3, 4e3))
-    at = np.array([place(n, 0.0) for n in (0.0, 7e3, 12e3)])
-    assert inside([[outer, hole]], *at.T).tolist() == [False, True, False]
 
 
 def test_a_path_faces_along_itself(planned, tmp_path):

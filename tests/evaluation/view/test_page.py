@@ -11,7 +11,6 @@ pytest.importorskip("bokeh", reason="needs bokeh, which draws the page")
 
 from helpers.browser import CHROMIUM, chromium
 from helpers.studies import outcomes, small_scenario, wavy_map
-from isogal.evaluation.records import RunDetail
 from isogal.evaluation.view.page import Frame, write_view
 from isogal.evaluation.view.projection import Projection
 from isogal.evaluation.view.record import Event, ViewedRun
@@ -69,23 +68,6 @@ def test_the_numbers_are_those_of_the_run(page, viewed):
     assert [len(found["x"]) for found in data["candidates"]] == [15] * 24
     assert data["events"]["times"] == [2, 1]
     assert data["events"]["text"] == ["</script> late", "stopped"]
-
-
-def test_what_is_not_recorded_is_said(viewed, make_runs):
-    made = viewed.runs.detail
-
-    def said(detail):
-        runs = replace(make_runs(runs=1), detail=detail)
-        return " ".join(ViewedRun(runs, small_scenario(), "", events=[]).missing)
-
-    empty = {name: getattr(made, name)[:0] for name in RunDetail.__slots__}
-    of_candidates = {name: none for name, none in empty.items() if name.startswith("candidate_")}
-    assert "Readings and candidates were not recorded" in said(None)
-    assert "Readings were not recorded." in said(RunDetail(**empty))
-    assert "pmht-paper published none" in said(replace(made, **of_candidates))
-    of_a_study = ViewedRun(viewed.runs, small_scenario(), "")
-    assert len(of_a_study.missing) == len(viewed.missing) + 1
-    assert any("/diagnostics" in text for text in of_a_study.missing)
 
 
 def test_a_live_page_is_complete_without_numbers(viewed):

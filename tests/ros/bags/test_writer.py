@@ -7,12 +7,9 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
-from rclpy.duration import Duration
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 
-from helpers.bag_writing import IMU_HASH, begin, sample, write
+from helpers.bag_writing import begin, sample, write
 from helpers.node_bench import bench
 from isogal.errors import InputError
 from isogal.files import write_atomic
@@ -48,23 +45,6 @@ def test_others_read_it(tmp_path) -> None:
     assert values == [i * 0.1 for i in range(50)]
 
 
-def test_mcap_decodes_it_by_its_own_schemas(tmp_path) -> None:
-    write(tmp_path / "bag", 20)
-    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        assert reader.get_header().profile == "ros2"
-        found = list(reader.iter_decoded_messages())
-        metadata = {item.name: item.metadata for item in reader.iter_metadata()}
-    assert [message.linear_acceleration.x for *_, message in found] == [i * 0.1 for i in range(20)]
-    schema, channel, message, _ = found[3]
-    kinds = schema.name, schema.encoding, channel.message_encoding
-    assert kinds == ("sensor_msgs/msg/Imu", "ros2msg", "cdr")
-    assert channel.metadata["topic_type_hash"] == IMU_HASH
-    assert yaml.safe_load(channel.metadata["offered_qos_profiles"])[0]["durability"] == "volatile"
-    assert (message.log_time, message.publish_time) == (3 * 10**9, 10**18 + 3)
-    assert yaml.safe_load(metadata["rosbag2"]["serialized_metadata"])["message_count"] == 20
-
-
 def test_a_killed_writer_leaves_what_it_has_flushed(tmp_path, monkeypatch) -> None:
     """What other processes see of its file is what is there when it is gone."""
     monkeypatch.setattr(writer_module, "FLUSH_EVERY", 0.0)
@@ -96,16 +76,6 @@ def test_folders(tmp_path) -> None:
     assert (tmp_path / "bag" / "notes.txt").exists()
     with pytest.raises(InputError, match="is a file"):
         prepare_folder(tmp_path / "bag" / "notes.txt", replace=True)
-
-
-def test_quality_of_service_in_words() -> None:
-    profile = QoSProfile(
-        depth=3, reliability=ReliabilityPolicy.BEST_EFFORT, deadline=Duration(seconds=1.5)
-    )
-    (entry,) = qos_entries([profile])
-    words = entry["history"], entry["depth"], entry["reliability"]
-    assert words == ("keep_last", 3, "best_effort")
-    assert entry["deadline"] == {"sec": 1, "nsec": 500_000_000}
 
 
 ROOM = 3 * CHUNK

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from helpers.node_bench import bench, stamps
 from isogal_ros import topics
 from isogal_ros.faults import campaign
 from isogal_ros.faults.campaign import (
@@ -20,7 +19,6 @@ from isogal_ros.faults.campaign import (
     run_campaign,
     run_trial,
     table_of,
-    two_batches,
 )
 from isogal_ros.faults.catalogue import FAULTS, QUICK, Fault
 from isogal_ros.nodes.signals import Interrupt
@@ -73,14 +71,6 @@ def test_nodes_fail_for_a_time(feed, effect) -> None:
     assert outcome.lost < 30
 
 
-def test_a_leap_of_one_stamp_costs_one_sample(scenario) -> None:
-    with bench(topics.UKF_FUSION, scenario()) as made:
-        for k in (1, 2, 3, 3600, 4, 5, 6, 106, 107, 108):
-            made.imu(k)
-        assert stamps(made, topics.NAV_FIX) == [0, 1, 2, 3, 4, 5, 6, 107, 108]
-        assert made.node.health.dropped == {"imu/data_raw": 2}
-
-
 def test_an_interrupt_ends_it_and_keeps_what_has_been_run(feed, monkeypatch, tmp_path) -> None:
     """While it simulates nothing."""
     interrupt, done = Interrupt(), []
@@ -127,11 +117,3 @@ def test_a_fault_passes_that_is_reported_and_recovered_from(
         table = table_of(scenario(), [fault], [replace(GOOD, **change)])
         assert table["failed"] == ([] if expected else ["x"])
         assert ("**no**" in page_of(table)) == (not expected)
-
-
-def test_late_by_two_batches_of_all_trials_counts_once(scenario) -> None:
-    limit = two_batches(scenario())
-    trials = [replace(GOOD, reported_after=after) for after in (1.0, limit, limit + 1.0)]
-    (row,) = table_of(scenario(), [Fault("x", ("imu",), "stopped")], trials)["faults"]
-    assert (row["reported"], row["reported_after_s"]) == (3, limit)
-    assert row["failures"] == ["1 x not reported in time"]

@@ -10,8 +10,6 @@ from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal_ros.faults.campaign import Feed, two_batches
 
 WRONG = {
-    "other sign": lambda north, east: -wavy(north, east),
-    "another unit": lambda north, east: 10.0 * wavy(north, east),
     "another area": lambda north, east: wavy(north + 31e3, east - 17e3),
     "another datum": lambda north, east: wavy(north, east) + 5e-4,
 }

@@ -78,12 +78,6 @@ WRONG_MAP = (
     *("route.duration=400.0", "gravity.field=map", "map_error.sigma=2e-4"),
     *("matcher.name=pmht", "matcher.map_sigma=auto"),
 )
-POOR_GRAVIMETER = (
-    *("gravity.field=map", "map_error.sigma=3e-5", "matcher.stride=2"),
-    *("gravimeter.outlier_fraction=0.1", "gravimeter.delay=12", "gravimeter.filter_time=5"),
-    *("gravimeter.missing_fraction=0.3", "gravimeter.correlated_sigma=1e-5"),
-    *("gravimeter.delay_sigma=1", "gravimeter.bias_walk=1e-8", "truth.initial_error.position=2x"),
-)
 BLACK_BOX = "ins.source=solution", "ins.attitude=false"
 FAST_BLACK_BOX = "ins.source=solution", "imu.rate=40.0", "fusion.rate=1.0", "gravity.field=map"
 FAST = "imu.rate=200.0", "imu.grade=navigation", "gravimeter.interval=5.0", "route.duration=35.0"
@@ -93,7 +87,6 @@ FAST = "imu.rate=200.0", "imu.grade=navigation", "gravimeter.interval=5.0", "rou
     ("changes", "counted"),
     [
         (WRONG_MAP, {"imu/data_raw": 400}),
-        (POOR_GRAVIMETER, {"imu/data_raw": 130}),
         # at the start there is a solution, but no sample
         (
             BLACK_BOX,
@@ -102,7 +95,7 @@ FAST = "imu.rate=200.0", "imu.grade=navigation", "gravimeter.interval=5.0", "rou
         (FAST_BLACK_BOX, {"imu/data_raw": 0, "ins/solution": 131}),
         (FAST, {"imu/data_raw": 7_000, "ground_truth/fix": 36}),
     ],
-    ids=["a wrong map", "a poor gravimeter", "an INS", "an INS of a fast IMU", "200 Hz"],
+    ids=["a wrong map", "an INS", "an INS of a fast IMU", "200 Hz"],
 )
 def test_other_scenarios(scenario, tmp_path, changes, counted) -> None:
     varied, bag = scenario("route.duration=130.0", *changes), tmp_path / "bag"
@@ -112,16 +105,6 @@ def test_other_scenarios(scenario, tmp_path, changes, counted) -> None:
     assert {name: found[f"/{name}"] for name in counted} == counted
     assert found["/ins/error"] == (found["/nav/odom"] if varied.ins.gives_solution else 0)
     assert_replayed(bag, 1e-4)
-
-
-@pytest.mark.parametrize("changes", [BLACK_BOX, FAST_BLACK_BOX])
-def test_an_ins_that_gives_its_solution_errs_as_its_imu_makes_it(scenario, changes) -> None:
-    runs = [
-        simulate(scenario("route.duration=130.0", *more), [0]).error[0]
-        for more in (changes, [one for one in changes if not one.startswith("ins.")])
-    ]
-    apart, by_imu = (np.hypot(*error.T).max() for error in (runs[0] - runs[1], runs[1]))
-    assert apart < 0.05 * by_imu
 
 
 @pytest.mark.parametrize(

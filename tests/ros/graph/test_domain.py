@@ -1,8 +1,6 @@
 """A ROS domain for one graph."""
 
-import gc
 import socket
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -10,12 +8,8 @@ import pytest
 import rclpy
 from rclpy.node import Node
 
-from helpers.commands import sets
 from helpers.domains import claim_domain
-from helpers.node_bench import run_here
-from isogal.cli.main import main
 from isogal.errors import InputError
-from isogal.evaluation.figures import style
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.graph.domain import (
@@ -23,7 +17,6 @@ from isogal_ros.graph.domain import (
     defaults,
     graph_domain,
     names_of,
-    participants,
 )
 from isogal_ros.graph.domain import local_context as in_domain
 
@@ -45,14 +38,6 @@ def node_in(domain: int) -> Iterator[Node]:
         node = rclpy.create_node("other", context=context)
         yield node
         node.destroy_node()
-
-
-@pytest.mark.parametrize("value", ["-1", "233"])
-def test_no_such_domain(monkeypatch, value) -> None:
-    monkeypatch.setenv(DOMAIN, value)
-    said = "ROS_DOMAIN_ID: must be a number from 0 to 232"
-    with pytest.raises(InputError, match=said), graph_domain(NAMES):
-        pass
 
 
 def test_a_domain_that_is_claimed_or_has_a_participant_is_not_free(monkeypatch) -> None:
@@ -117,32 +102,3 @@ def test_two_graphs_that_start_at_once_are_kept_apart(other_domain, capsys) -> N
             pass
     with graph_domain(NAMES, other_domain) as again:
         assert again == other_domain
-
-
-def test_a_graph_that_has_ended_is_not_there_any_more(other_domain, scenario) -> None:
-    """It once was until Python searched for garbage, so that a second one took another domain."""
-    gc.disable()
-    try:
-        run_here(scenario("route.duration=60.0"), None)
-        assert participants(other_domain) == 0
-    finally:
-        gc.enable()
-
-
-def test_the_commands_stay_out_of_a_domain_with_a_driver(
-    other_domain, settings, tmp_path, monkeypatch, capfd
-) -> None:
-    """Two in one domain once fed each other's nodes."""
-    monkeypatch.setattr(style, "png", lambda *_: b"not drawn")
-    words = ["run", "--in-process", "--out", tmp_path, *sets(settings("route.duration=60.0"))]
-    took = f"isogal: {DOMAIN}={other_domain}: another node in it publishes imu/data_raw; taking"
-    refused = f"isogal: --domain {other_domain}: another node in it publishes imu/data_raw; end it"
-    with node_in(other_domain) as node:
-        node.create_publisher(topics.IMU.type, topics.IMU.name, 10)
-        for more, status, said in (([], 0, took), (["--domain", other_domain], 2, refused)):
-            monkeypatch.setattr(sys, "argv", ["isogal", *map(str, [*words, *more])])
-            with pytest.raises(SystemExit) as end:
-                main()
-            err = capfd.readouterr().err
-            assert end.value.code == status, err
-            assert said in err

@@ -95,16 +95,3 @@ def test_the_simulation_goes_on_without_it_and_with_it_again(graph, name) -> Non
     assert not lock_step.absent()
     if name != topics.GRAVIMETER:  # configured anew it looks for its listeners anew
         assert node.health.figures["ready"] is True
-
-
-@pytest.mark.parametrize("name", [topics.GRAVIMETER, topics.INS_SIM])
-def test_deactivated_for_less_than_anybody_notices(graph, name) -> None:
-    """The simulator itself stands still for so long."""
-    graph.steps(1, "steps")
-    node, before, step = graph.nodes[name], forgotten(graph), graph.simulator.step
-    node.trigger_deactivate()
-    end = time.monotonic() + 0.3
-    graph.spin(lambda: time.monotonic() > end, "some time")
-    assert name != topics.INS_SIM or (node.step, forgotten(graph)) == (step, before)
-    node.trigger_activate()
-    graph.steps(100, "steps afterwards")

@@ -3,7 +3,6 @@
 import math
 import shutil
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import netCDF4
@@ -23,8 +22,7 @@ sys.path[:0] = [str(ROOT / "examples" / "phone_drive"), str(ROOT / "benchmarks")
 
 import drives  # noqa: E402
 from phone_bag import write_bag  # noqa: E402
-from phone_log import REST, _unhandled, read_drive  # noqa: E402
-from road_heights import LEAST, with_sigma  # noqa: E402
+from phone_log import read_drive  # noqa: E402
 from road_heights import main as road_heights  # noqa: E402
 
 SATELLITES, END = 120.0, 300
@@ -154,27 +152,3 @@ def test_the_nodes_navigate_it_as_the_library_does(log, roads, tmp_path) -> None
     apart = 6.4e6 * (by_library.position - by_nodes.position)[:2]
     assert np.hypot(*apart) < 1e-3
     np.testing.assert_allclose(by_library.covariance, by_nodes.covariance, rtol=1e-5, atol=1e-6)
-
-
-def test_a_telephone_that_is_touched_does_not_turn_a_car_that_stands() -> None:
-    """For an hour, once in six seconds; what carries the car turns it for longer."""
-    count = 3600
-    turn, tilting, stands = np.zeros(count), np.zeros(count), np.ones(count, bool)
-    turn[::6] = -7e-3
-    assert np.abs(_unhandled(turn, tilting, stands)).max() < REST
-    turn[1000:1010] = 0.05
-    assert _unhandled(turn, tilting, stands)[1000:1010].sum() == pytest.approx(0.5)
-    moving = ~stands
-    np.testing.assert_array_equal(_unhandled(turn, tilting, moving), turn)
-
-
-def test_roads_are_smoother_than_the_terrain(roads) -> None:
-    field_map = drives.load_map(roads, "height")
-    spiked = replace(field_map, values=np.where(np.eye(*field_map.values.shape), 50.0, 0.0))
-    spiked.values[30, :5] = np.nan
-    made = with_sigma(spiked)
-    assert 20.0 < made.values[20, 20] < 45.0
-    np.testing.assert_array_equal(np.isnan(made.values), np.isnan(spiked.values))
-    assert np.isfinite(made.sigma[~np.isnan(spiked.values)]).all()
-    assert made.sigma[20, 21] > LEAST + 1.0
-    assert made.sigma[20, 40] == pytest.approx(LEAST)

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
-from helpers.command_line import answer, refusal
+from helpers.command_line import answer
 from helpers.recordings import collect, nav_positions, replayed, rewritten
 from isogal.fields.scenario_map import map_for_scenario
 from isogal_ros import topics
-from isogal_ros.bags.record import Places
 from isogal_ros.bags.viewing import viewed_run
 from isogal_ros.messages.prepared import peek_ns
 from isogal_ros.messages.stamps import set_stamp
@@ -81,30 +80,3 @@ def test_stamps_need_not_coincide(recording) -> None:
     moved = np.diff(exact.latitude[1:]) * 0.05  # half a second of ten
     np.testing.assert_allclose(runs.latitude[1:], exact.latitude[1:-1] + moved, atol=1e-9)
     np.testing.assert_allclose(runs.error[0, 1:], exact.error[0, 1:-1], atol=2.0)
-
-
-def test_places_between_messages() -> None:
-    def fix(latitude: float, longitude: float) -> bytes:
-        message = topics.NAV_FIX.type(latitude=float(latitude), longitude=float(longitude))
-        return serialize_message(message)
-
-    places = Places({0: fix(-37.0, 179.9), 4 * SECOND: fix(-36.0, -179.9), 30 * SECOND: fix(0, 0)})
-    found = np.degrees(places.at([0, SECOND, 4 * SECOND, 5 * SECOND, 31 * SECOND]))
-    np.testing.assert_allclose(found[:3, 0], [-37.0, -36.75, -36.0])
-    np.testing.assert_allclose(found[:3, 1] % 360.0, [179.9, 179.95, 180.1])
-    assert np.isnan(found[3:]).all()  # too long a gap, and after the last
-    assert SECOND in places
-    assert 5 * SECOND not in places
-    assert -1 not in places
-    assert places.before(5 * SECOND) == places.before(4 * SECOND) == fix(-36.0, -179.9)
-    assert Places({}).at([]).shape == (0, 2)
-
-
-def test_without_two_positions_there_is_nothing_to_view(recording, tmp_path) -> None:
-    first = next(iter(collect(recording).last_nav.values()))
-
-    def alone(topic: str, data: bytes) -> bytes | None:
-        return data if topic == "/nav/fix" and data == first else None
-
-    rewritten(recording, tmp_path / "bag", alone)
-    assert "has no two messages on nav/fix" in refusal("view", tmp_path / "bag")

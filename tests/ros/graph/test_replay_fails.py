@@ -88,29 +88,6 @@ def test_the_parameter_that_is_named_mends_it(framed) -> None:
     assert "disagreements: 0" in out
 
 
-def test_a_filter_that_never_starts_is_told_of(recording) -> None:
-    status, _, lines = replayed(recording, "--parameter", "start_time=-5000")
-    assert status == 1
-    assert "imu/data_raw: none of 360 messages was used: waits for a pose" in lines[0]
-
-
-def test_samples_that_are_dropped_on_the_way_do_not_stop_it(recording, tmp_path) -> None:
-    """It once waited two minutes for the answer to a reading of a time without them, and gave
-    up."""
-    number = 0
-
-    def change(topic: str, data: bytes) -> bytes:
-        nonlocal number
-        number += topic == "/imu/data_raw"
-        lost = topic == "/imu/data_raw" and 100 <= number < 150
-        return in_frame(topics.IMU, data, "imu_link") if lost else data
-
-    bag = rewritten(recording, tmp_path / "bag", change)
-    _, out, lines = replayed(bag, "--tolerance", 1000)
-    assert "Replayed 359 s" in out
-    assert not any("waited" in line for line in lines)
-
-
 def test_nothing_is_compared_without_recorded_fixes(sensors_only, tmp_path) -> None:
     """It once said "disagreements" of each fix, and claimed a report."""
     status, out, lines = replayed(sensors_only, "--out", tmp_path / "out")

@@ -100,18 +100,6 @@ def test_a_magnetometers_readings_are_reduced(magnetic) -> None:
         assert not made.heard["gravimeter/gravity"]
 
 
-def test_a_fast_instrument_gives_one_reading_per_scan(magnetic) -> None:
-    with bench(topics.GRAVIMETER, magnetic, simulate=False) as made:
-        for k in range(1, 81):
-            made.publish(topics.MAGNETIC_FIELD, field_of(0.5 * k, (0.0, 0.0, 5e4)))
-        for second in range(41):
-            made.nav(second, *PLACE)
-        scans = [message.header.stamp.sec for message in made.heard["magnetometer/anomaly"]]
-        assert np.diff(scans).tolist() == [8, 10, 10, 10]
-        assert not made.node.health.dropped
-        assert made.node.health.figures["readings between scans"] == 75
-
-
 def test_a_clearance_meters_readings_are_reduced(terrain) -> None:
     with bench(topics.GRAVIMETER, terrain, simulate=False) as made:
         for seconds, message in (
@@ -158,15 +146,6 @@ def test_a_gradiometers_readings_are_reduced(gradient) -> None:
         np.testing.assert_array_equal(covariance, 1e-18 * np.eye(3))
         assert np.isnan(read(made.heard["gradiometer/gradient"][1])[0]).all()
         assert made.says()[-1][2]["readings out of range"] == "1"
-
-
-def test_a_lever_arm_counts_with_the_navigators_attitude_and_turn(scenario) -> None:
-    """Two metres above the inertial sensors, on a vehicle that is level and turns."""
-    at, above = (
-        gravity_of(scenario(f"gravimeter.lever_arm={arm}"), [SENSED])[0][0]
-        for arm in ("[0, 0, 0]", "[10, 0, -2]")
-    )
-    assert above - at == pytest.approx(2.0 * 3.086e-6, rel=1e-3)
 
 
 @pytest.mark.parametrize(("speed", "stuck"), [(0.1, False), (12.0, True)])

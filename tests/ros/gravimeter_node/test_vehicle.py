@@ -67,16 +67,6 @@ def test_a_silent_vector_instrument_is_said(told) -> None:
         made.wait(lambda: any(level == WARN and text in said for level, said, _ in made.says()))
 
 
-def test_the_date_of_the_stamp(magnetic) -> None:
-    with bench(topics.GRAVIMETER, magnetic, simulate=False) as made:
-        year, stamp = 2021.5, 1_625_227_200.0
-        total = float(intensity(*np.degrees(PLACE), 100.0, year)) + 50.0
-        made.publish(topics.MAGNETIC_FIELD, field_of(stamp, (0.0, 0.0, total)))
-        made.nav(stamp, *PLACE)
-        found = made.heard["magnetometer/anomaly"][0].magnetic_field.z * 1e9
-        assert found == pytest.approx(50.0, abs=0.1)
-
-
 def test_a_simulated_vehicle_has_both_instruments(magnetic) -> None:
     scenario = changed_scenario(magnetic, ["magnetometer.aircraft.permanent=[0, 200, 0]"], "test")
     with bench(topics.GRAVIMETER, scenario) as made:

@@ -19,7 +19,6 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Collector
 from isogal_ros.bags.recorder import RECORDER
-from isogal_ros.graph import launching
 from isogal_ros.graph.domain import DOMAIN
 from isogal_ros.graph.plan import node_class
 from isogal_ros.graph.running import shared_memory, sweep_shared_memory
@@ -171,19 +170,6 @@ def test_whose_end_ends_all(launch, respawn) -> None:
         arrival = {0: arrived} if name == topics.INS_SIM else {}
         assert reasons == died | lives_on | arrival
         assert keys["respawn"] is (respawn == "true")
-
-
-def test_checkpoints_of_no_name_are_gone_when_the_launch_ends(launch, monkeypatch) -> None:
-    at_end = []
-    monkeypatch.setattr(
-        launching.atexit, "register", lambda *words, **keys: at_end.append((words, keys))
-    )
-    made = launch(respawn="true")
-    folder = Path(made.nodes[topics.PMHT_MM]["parameters"][1]["checkpoint"])
-    assert folder.is_dir()
-    (((remove, *words), keys),) = at_end
-    remove(*words, **keys)
-    assert not folder.exists()
 
 
 def test_arguments_for_a_real_vehicle(launch) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import ClockType
-from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatStatus
 
@@ -388,21 +387,6 @@ def test_a_host_is_looked_up_beside_the_node(received, scenario, monkeypatch) ->
         assert made.says()[-1][:2] == (OK, "sending")
         assert len(received(VISION)) == 1
     assert set(asked) == {"autopilot.local"}
-
-
-def test_cleaned_up_it_leaves_its_port(scenario) -> None:
-    with autopilot_of(scenario) as autopilot:
-        node = autopilot.bench.node
-        node.trigger_deactivate()
-        assert node.trigger_cleanup() == TransitionCallbackReturn.SUCCESS
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-            other.bind(autopilot._to)
-        assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
-
-
-def test_datagrams_may_go_to_all_of_a_network(received, scenario) -> None:
-    with node(received, scenario(), VISION) as made:
-        assert made.node._socket.getsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST)
 
 
 def test_times_since_1970_and_since_the_start() -> None:

@@ -94,14 +94,6 @@ def pose(x, y, z, variances=(0.0, 0.0, 0.0)):
     )
 
 
-def test_a_pose_beyond_the_date_line_is_a_place() -> None:
-    place, covariance = read_pose_position(pose(20e3, 1e3, 5.0, (4.0, 9.0, 16.0)), FRAME)
-    np.testing.assert_allclose(FRAME.from_geodetic(*place), [20e3, 1e3, 5.0], atol=1e-6)
-    # east and north there are turned by 2 mrad against those of the origin
-    np.testing.assert_allclose(np.diag(covariance), [9.0, 4.0, 16.0], atol=1e-3)
-    assert read_pose_position(pose(0.0, 0.0, 0.0), FRAME)[1] is None
-
-
 @pytest.mark.parametrize("heading", [-3.0, 1.2])
 def test_a_heading_there_and_back(heading) -> None:
     message = Imu()

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import TwistStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
@@ -16,13 +16,12 @@ from std_msgs.msg import Float32, Float64
 from helpers.bag_writing import begin
 from helpers.node_bench import bench
 from isogal.errors import InputError
-from isogal.inertial.rotations import from_heading
 from isogal.scenario import Height, Scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import wanted_messages
 from isogal_ros.messages.aids import read_heading, read_pressure, read_velocity
-from isogal_ros.messages.drivers import Driver, Entrance, takes_others, type_taken
+from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, FrameNames
 from isogal_ros.messages.gravimeter import gravity
 from isogal_ros.messages.imu import fill_imu, read_imu
@@ -104,24 +103,6 @@ def test_other_types_and_units() -> None:
     assert read_heading(taken(bow, Float32(data=100.0)))[0] == pytest.approx(math.radians(100.0))
 
 
-def test_the_orientation_of_a_turned_heading_sensor() -> None:
-    message = Imu()
-    q = from_heading(-math.radians(30.0))  # about up: the yaw, ENU
-    message.orientation.w, message.orientation.z = float(q[0]), -float(q[3])
-    plain = read_heading(message)[0]
-    turned = taken(*topics.aid_topics("heading"), message, rotation=(0.0, 0.0, 90.0))
-    assert math.remainder(read_heading(turned)[0] - plain, math.tau) == pytest.approx(math.pi / 2)
-
-
-def test_types_taken() -> None:
-    fix, pose = topics.aid_topics("position", "radar")
-    assert type_taken(pose, [type_name(PoseStamped)]) is PoseStamped
-    assert type_taken(topics.GRAVIMETRY, ["std_msgs/msg/String"]) is None
-    both = [type_name(Float64), type_name(topics.GRAVIMETRY.type)]
-    assert type_taken(topics.GRAVIMETRY, both) is topics.GRAVIMETRY.type
-    assert not takes_others(fix)
-
-
 def test_frames_of_other_names_and_back() -> None:
     names = FrameNames("world", "odom", "hull", "ship")
     message = Odometry(child_frame_id="base_link")
@@ -156,11 +137,6 @@ DAMAGED = "is damaged"
 def test_bad_entries(text, entry, words) -> None:
     with pytest.raises(InputError, match=words):
         Entrance.of(text or Entrance().text(), entry)
-
-
-def test_a_recording_keeps_what_it_was_told() -> None:
-    one = Entrance({"imu/data_raw": Driver(frame="imu_link")}, FrameNames(map="world"))
-    assert Entrance.of(one.text(), {}) == one
 
 
 OUTSIDE = {"map_frame": "world", "tf_prefix": "ship"}

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
@@ -70,20 +68,6 @@ def test_there_and_back(covariance, estimate, keys) -> None:
     assert (whole.relative_to is None) == (estimate is None)
     for there, back in zip(estimate or (), whole.relative_to or (), strict=True):
         np.testing.assert_allclose(back, there, rtol=0, atol=1e-15)
-
-
-@settings(max_examples=25)
-@given(
-    st.integers(0, 2**31 * 10**9 - 1),
-    st.dictionaries(st.text("abc_", min_size=1), st.lists(st.floats(), min_size=1, max_size=9)),
-)
-def test_named_numbers(ns, values) -> None:
-    message = PointCloud2()
-    fill_point(message, ns, {name: np.array(numbers) for name, numbers in values.items()})
-    got = read_point(deserialize_message(serialize_message(message), PointCloud2))
-    assert got.keys() == values.keys()
-    for name, numbers in values.items():
-        np.testing.assert_array_equal(got[name], numbers)
 
 
 def broken(**changes) -> PointCloud2:

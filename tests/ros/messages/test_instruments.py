@@ -18,9 +18,7 @@ from isogal_ros.bags.record import Collector
 from isogal_ros.messages.adapter import adapter_of, topics_in_use
 from isogal_ros.messages.altimeter import read_range
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.gradiometer import GRADIOMETER
 from isogal_ros.messages.magnetometer import read_total
-from isogal_ros.messages.position import NOT_MEASURED
 from isogal_ros.messages.stamps import from_seconds, to_ns
 
 NS = from_seconds(12.5)
@@ -139,13 +137,6 @@ def test_a_barometer_on_the_ground_says_a_height() -> None:
     assert adapter.read_reduced(reduced) == pytest.approx((120.0, 0.5))
 
 
-def test_what_is_not_measured_is_said() -> None:
-    """A gravimeter measures the vertical, an anomaly is along the main field."""
-    assert gravity(9.8).accel.covariance[0] == NOT_MEASURED
-    field = of("magnetic").write_reduced(0, 100.0, 4.0, None).magnetic_field
-    assert math.isnan(field.x) and math.isnan(field.y)
-
-
 def test_only_the_length_of_the_magnetic_vector_counts() -> None:
     for vector in ((0.0, -3e-5, 4e-5), (3e-5, 4e-5, 0.0)):
         assert read_total(magnetic(*vector))[0] == pytest.approx(5e4, rel=1e-14)
@@ -153,16 +144,6 @@ def test_only_the_length_of_the_magnetic_vector_counts() -> None:
     message = magnetic(3e-5, 0.0, 4e-5)
     message.magnetic_field_covariance = np.diag([1e-18, 4e-18, 9e-18]).ravel()
     assert read_total(message)[1] == pytest.approx(0.36 * 1.0 + 0.64 * 9.0)
-
-
-def test_components_of_a_tensor_go_by_their_names() -> None:
-    made = tensor()
-    assert made.header.frame_id == GRADIOMETER and to_ns(made.header.stamp) == NS
-    for names, order in (("nn,ed,dd", [0, 1, 2]), ("dd,nn", [2, 0])):
-        adapter = of("gradient", f"gradiometer.components=[{names}]")
-        value, covariance = adapter.read_reduced(made)
-        np.testing.assert_array_equal(value, COMPONENTS[order])
-        np.testing.assert_array_equal(covariance, COVARIANCE[np.ix_(order, order)])
 
 
 @pytest.mark.parametrize("read_and_message", [
@@ -224,33 +205,6 @@ def test_axes_of_points_and_of_a_scan() -> None:
     message = SCAN.write_raw(0, to_port, 0.25, None)
     assert message.angle_max == pytest.approx(np.radians(50.0))
     assert np.isinf(message.ranges[:2]).all() and np.isfinite(message.ranges[2:]).all()
-
-
-def test_more_beams_than_wanted_in_other_layouts() -> None:
-    across = np.linspace(-60.0, 60.0, 41)
-    table = np.zeros(41, dtype=[("i", ">f4"), ("y", ">f8"), ("z", ">f8"), ("x", ">f8")])
-    table["y"], table["z"] = across, -50.0
-    layout = (("i", 0, 7), ("y", 4, 8), ("z", 12, 8), ("x", 20, 8))
-    message = changed(
-        POINTS.raw.type(is_bigendian=True, width=41, height=1, point_step=table.itemsize),
-        header__frame_id="base_link",
-        fields=[PointField(name=n, offset=o, datatype=kind, count=1) for n, o, kind in layout],
-        data=table.tobytes(),
-    )
-    found, _ = POINTS.read_raw(message)
-    assert found.shape == (5, 3)
-    np.testing.assert_array_equal(found[:, 2], 50.0)
-    np.testing.assert_allclose(np.sort(found[:, 1]), [-60, -30, 0, 30, 60])
-
-
-def test_footprints_both_ways() -> None:
-    value = np.arange(20.0).reshape(5, 4)
-    value[2] = np.nan
-    found, variance = POINTS.read_reduced(POINTS.write_reduced(5, value, 0.5, None))
-    np.testing.assert_array_equal(found, value)
-    assert variance == 0.5
-    silent = POINTS.write_reduced(5, np.full((5, 3), np.nan), 0.5, None)  # no navigator
-    assert np.isnan(POINTS.read_reduced(silent)[0]).all()
 
 
 @pytest.mark.parametrize("name", ["gravity", "magnetic", "terrain"])

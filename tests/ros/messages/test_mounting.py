@@ -57,26 +57,6 @@ def test_transforms_are_read_in_either_byte_order() -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "angles", "fault"),
-    [
-        ((np.inf, 0.0, 0.0), (0.0, 0.0, 0.0), "its place is not finite, or not on the Earth"),
-        ((0.0, 0.0, 0.0), (np.nan, 0.0, 0.0), "its rotation is not a unit quaternion"),
-    ],
-)
-def test_one_that_cannot_be_used_hides_no_others(place, angles, fault) -> None:
-    """Of a message with those of the whole vehicle; it is named where it is asked for."""
-
-    def look(_enough):
-        return read_transforms(serialised({"gps": ("mast", place, angles), **others}))
-
-    others = {name: one for name, one in VEHICLE.items() if name != "gps"}
-    arm = placed(Entrance({"gnss/fix": Driver(frame="mast", from_tf=True)}), look)
-    assert arm.drivers["gnss/fix"].translation == pytest.approx((1.0, 0.0, 3.0))
-    with pytest.raises(InputError, match=f"transform to 'gps': {fault}"):
-        placed(Entrance({"gnss/fix": Driver(frame="gps", from_tf=True)}), look)
-
-
-@pytest.mark.parametrize(
     ("topic", "one", "words"),
     [
         ("gnss/fix", {"frame": "gps"}, r"drivers.gnss/fix.frame: has no effect.*from_tf: true"),

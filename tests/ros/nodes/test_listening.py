@@ -130,34 +130,6 @@ def test_a_publisher_of_another_type_is_heard(graph, domain) -> None:
         node.destroy_node()
 
 
-def test_both_kinds_of_publishers_are_heard_where_several_may_be(graph) -> None:
-    hearer, topic = graph.hearer, graph.hearer.t_pose
-    reliable = graph.publisher("user", topic)
-    assert graph.connected(reliable, hearer.pose, 1)
-    reliable.publish(sample(1, topic))
-    assert graph.until(lambda: hearer.poses == [1])
-    careless = graph.publisher("viewer", topic, qos_profile_sensor_data)
-    assert graph.connected(careless, hearer.pose, 2)
-    assert graph.connected(reliable, hearer.pose, 2)
-    reliable.publish(sample(2, topic))
-    assert graph.until(lambda: hearer.poses == [1, 2])
-    careless.publish(sample(3, topic))
-    assert graph.until(lambda: hearer.poses == [1, 2, 3])
-
-
-def test_a_best_effort_publisher_does_not_disturb_the_one_that_is_used(graph) -> None:
-    """The subscription was once made anew for it: samples were lost, and the others' guarantee
-    with them."""
-    hearer, reliable = graph.hearer, graph.driver_in_use()
-    before = list(hearer.subscriptions)
-    graph.publisher("second_driver", qos=qos_profile_sensor_data)
-    told = f"{hearer.t_imu.name} is published by /second_driver, too: /driver is used"
-    assert graph.until(lambda: told in hearer.said)
-    reliable.publish(sample(2))
-    assert graph.until(lambda: hearer.heard == [1, 2])
-    assert list(hearer.subscriptions) == before
-
-
 EXECUTORS = make_executor, lambda context: SingleThreadedExecutor(context=context)
 EITHER = pytest.mark.parametrize("graph", EXECUTORS, indirect=True, ids=["events", "plain"])
 
@@ -187,19 +159,6 @@ def test_publishers_are_kept_apart(graph) -> None:
     second.publish(sample(200))
     second.publish(sample(201))
     assert graph.until(lambda: hearer.heard[20:] == [200, 201])
-
-
-def test_the_first_is_used_whoever_comes_later_and_however_much_is_sent(graph) -> None:
-    hearer, first = graph.hearer, graph.driver_in_use()
-    second = graph.publisher("driver")  # of the same name, and the first still speaks
-    assert graph.connected(second, hearer.imu, 2)
-    for number in range(2, 50):
-        first.publish(sample(number))
-        for _ in range(3):
-            second.publish(sample(1000))
-    assert graph.until(lambda: len(hearer.heard) == 49)
-    assert hearer.heard == list(range(1, 50))
-    assert "another /driver: /driver is used" in hearer.health.why[hearer.t_imu.name]
 
 
 def test_a_successor_of_the_same_name_takes_over_at_once(graph) -> None:

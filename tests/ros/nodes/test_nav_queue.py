@@ -75,17 +75,6 @@ def test_a_second_message_of_a_stamp_is_a_jump() -> None:
     assert not buffer.buffer.changes
 
 
-def test_changes_come_in_order_of_time() -> None:
-    """A gap before what a fix did at its end; a jump at the stamp itself comes after its scan."""
-    buffer = Buffer()
-    for second in (5, 80):
-        buffer.feed(second * S, *PLACE)
-        buffer.feed(second * S, PLACE[0] + 1e-5, PLACE[1])
-    first, (before, after) = buffer.buffer.take_changes(80 * S)
-    assert (first.ns, before.ns, after.ns) == (5 * S, 5 * S, 80 * S)
-    assert [ns for ns, _ in buffer.buffer.take_changes(81 * S)] == [80 * S]
-
-
 def test_old_states_are_dropped() -> None:
     buffer = Buffer()
     for i in range(1100):
@@ -119,17 +108,6 @@ def test_a_gap_has_the_states_at_either_side() -> None:
     assert (before.ns, after.ns) == (16 * S, 80 * S)
     assert after.covariance.shape == (7, 7)
     assert list(buffer.buffer.take_changes(90 * S)) == []
-
-
-def test_odometry_within_steps_does_not_crowd_out_the_steps() -> None:
-    buffer = Buffer()
-    for k in range(25):
-        buffer.feed(k * S, *PLACE)
-        for j in range(1, 50):
-            _, (topic, odom) = nav_messages(SCENARIO, k * S + j * S // 50, *PLACE)[1:]
-            buffer.handlers[topic.name](serialize_message(odom))
-    assert buffer.buffer.at(2 * S).ns == 2 * S
-    assert not buffer.buffer.changes
 
 
 def test_a_reading_that_nothing_answers_is_said() -> None:

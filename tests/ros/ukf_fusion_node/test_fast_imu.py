@@ -60,13 +60,6 @@ def apart(made: Bench, undisturbed: Bench, second: int) -> float:
     return np.hypot(*horizontal_difference(*found))
 
 
-def test_an_imu_of_a_kilohertz(scenario, samples) -> None:
-    with bench(topics.UKF_FUSION, scenario(*KEYS, "imu.rate=1000.0")) as made:
-        send(made, samples, regular(0, 1100, 1000.0))
-        assert made.says()[-1][:2] == (OK, "navigating")
-        assert len(made.heard["nav/odom"]) == pytest.approx(56, abs=1)
-
-
 def test_jitter_and_lost_samples_move_it_by_millimetres(fast, samples, undisturbed) -> None:
     random = np.random.default_rng(1)
     whole = regular(0, 200 * SECONDS)
@@ -119,14 +112,6 @@ def test_odometry_comes_at_50_hz_and_is_smooth(undisturbed) -> None:
     moved = np.linalg.norm(np.diff(points, axis=0), axis=1)
     assert moved == pytest.approx(0.02 * 22.0, abs=2e-3)
     assert np.abs(np.diff(moved)).max() < 1e-3
-
-
-@pytest.mark.parametrize("rate", [0.0, 10.0])
-def test_odometry_between_steps_changes_nothing_else(fast, samples, undisturbed, rate) -> None:
-    with bench(topics.UKF_FUSION, fast, odometry_rate=rate) as made:
-        send(made, samples, regular(0, 400))
-    assert len(made.heard["nav/odom"]) == 1 + 2 * max(1.0, rate)
-    assert made.heard["nav/fix"] == undisturbed.heard["nav/fix"][:3]
 
 
 def test_a_fix_or_a_pose_that_comes_within_a_step_is_used_at_its_end(fast, samples) -> None:

@@ -34,14 +34,6 @@ def test_a_stamp_that_nobody_has_set_is_refused() -> None:
     assert not queue
 
 
-def test_a_fix_waits_for_the_navigator_but_not_long() -> None:
-    queue = StampQueue(100)
-    queue.add(150, WHOLE)
-    queue.add(300, WHOLE)
-    assert queue.due(100) == [(300, WHOLE)]  # to be refused
-    assert queue.due(150) == [(150, WHOLE)]
-
-
 @given(st.permutations([30, 10, 20] * 2), st.integers(0, 40))
 def test_in_any_order_each_stamp_is_used_once(arrivals, now) -> None:
     queue, used, repeated = StampQueue(100), [], 0

@@ -77,14 +77,6 @@ def test_a_restarted_filter_goes_on_and_knows_less(scenario, drive, ended, left)
     assert after[0] < 3.0 * after[1]
 
 
-def test_two_seconds_late_it_knows_where_it_is(filtering, drive) -> None:
-    drive(filtering, (4, 20))
-    assert drive.error(filtering, 20) < 3.0 * sigma(filtering)
-    assert filtering.told("3 IMU samples missing")[0] == WARN
-    level, _, figures = filtering.says()[-1]  # over when the next sample is in time
-    assert (level, figures["IMU samples missing"]) == (OK, "3")
-
-
 def test_it_waits_for_the_time_of_its_start(scenario, drive) -> None:
     with bench(topics.UKF_FUSION, scenario(), start_time=10.0) as made:
         drive(made, (1, 12))
@@ -108,17 +100,6 @@ def test_a_checkpoint_that_is_not_its_own_is_refused(
         drive(made, (first, first + 1))
         assert made.told(words)[0] == ERROR
         assert made.heard["nav/fix"] == []
-
-
-def test_a_fresh_run_does_not_take_the_last_ones(scenario, drive, tmp_path) -> None:
-    own = {"checkpoint": str(tmp_path)}
-    ends = []
-    for _ in range(2):
-        with bench(topics.UKF_FUSION, scenario(), **own) as made:
-            drive(made, (1, 10))
-            assert stamps(made, topics.NAV_FIX)[0] == 0
-            ends.append(read_position(made.heard["nav/fix"][-1]))
-    assert ends[0] == ends[1]
 
 
 def pose_at(scenario, k: int, offset: float = 0.0):
@@ -272,24 +253,6 @@ def test_a_pose_is_taken_at_its_time(scenario, drive) -> None:
             drive(made, (51, 60))
             assert made.node.health.dropped == {}
             assert drive.error(made, 60) < 60.0
-
-
-def test_samples_and_fixes_after_an_old_pose_count(scenario, drive, start) -> None:
-    """A pose of 5 s that comes at 20 s is the same as one that came in time."""
-    places = []
-    for late in (False, True):
-        with bench(topics.UKF_FUSION, scenario()) as made:
-            drive(made, (1, 5))
-            pose = stamped(pose_at(scenario(), 5), 5)
-            if not late:
-                made.publish(topics.INITIAL_POSE, pose)
-            drive(made, (6, 20))
-            made.fix(10, *start)
-            if late:
-                made.publish(topics.INITIAL_POSE, pose)
-            newest = made.heard["nav/fix"][-1]
-            places.append([*read_position(newest), *newest.position_covariance])
-    np.testing.assert_allclose(places[0], places[1], rtol=1e-12)
 
 
 @pytest.mark.parametrize(

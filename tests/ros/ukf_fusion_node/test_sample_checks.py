@@ -8,20 +8,18 @@ from helpers.node_bench import bench, played, stamps
 from isogal_ros import topics
 from isogal_ros.faults.campaign import Feed
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.nodes.health import OK, WARN
+from isogal_ros.nodes.health import WARN
 from ukf_fusion_node.sample_checks import (
     LASTS,
     LEARNT,
     LEAST,
     REMEMBERED,
     SILENT,
-    STUCK,
     GravityDirection,
     SampleMonitor,
     Spikes,
     StuckError,
 )
-from ukf_fusion_node.sample_report import SampleReport
 
 LEVEL = np.array([0.0, 0.0, -9.8])
 NOISE = np.random.default_rng(1).normal(0.0, 1e-5, (500, 6))
@@ -51,17 +49,6 @@ def test_silence() -> None:
     assert "no IMU samples for 19 s" in watch.silent
 
 
-def test_a_concern_stays_until_it_is_over(scenario) -> None:
-    with bench(topics.UKF_FUSION, scenario()) as made:
-        for k in range(1, STUCK + 5):
-            made.imu(k)
-        assert made.told("stuck: accelerometer x")
-        assert made.says()[-1][0] == WARN
-        for k in range(STUCK + 5, STUCK + 8):
-            made.imu(k, LEVEL + NOISE[k, :3], NOISE[k, 3:])
-        made.wait(lambda: made.says()[-1][:2] == (OK, "navigating"))
-
-
 def noisy(watch: SampleMonitor, count: int, step: float = 0.0) -> None:
     """Samples of an IMU at rest; it counts in steps where that is not zero."""
     for sample in NOISE[:count]:
@@ -80,15 +67,6 @@ def test_an_axis_that_stops_moving_is_stuck_after_a_few_samples() -> None:
             watch.take(LEVEL + NOISE[later, :3], dead[later])
         assert caught.value.samples == (LEAST if later == 0 else 0)
     noisy(watch, 10)
-
-
-def test_coarse_steps_and_an_imu_without_noise_are_not_stuck() -> None:
-    """Steps of five times the noise: four of five samples repeat the value before."""
-    noisy(SampleMonitor(30.0, 3.0), 500, step=5e-5)
-    perfect = SampleMonitor(30.0, 3.0, noisy=np.zeros(6, bool))
-    noisy(perfect, LEARNT + 1)
-    for _ in range(2 * STUCK):
-        perfect.take(LEVEL, np.zeros(3))
 
 
 def test_a_stuck_axis_is_an_outage(scenario) -> None:
@@ -187,37 +165,8 @@ def test_what_is_not_gravity_is_said_after_a_minute(force, turn, words) -> None:
     assert words in said and bool(words) == bool(said)
 
 
-def test_a_wave_is_not_a_fault() -> None:
-    """Half a minute of each: what counts is the mean."""
-    upright, wave = GravityDirection(), np.array([0.0, 0.0, 5.0])
-    for time in np.arange(0.0, 300.0):
-        force = LEVEL + wave * np.sin(2.0 * np.pi * time / 10.0)
-        assert upright.take(time, force, np.array([1.0, 0.0, 0.0, 0.0])) is None
-
-
 GAP = 60.0
 """s."""
-
-
-def test_it_lasts_until_fixes_have_agreed_for_a_time(scenario) -> None:
-    """For two batches of 60 s."""
-    with bench(topics.UKF_FUSION, scenario()) as made:
-        report, second = SampleReport(made.node, 1.0), 10**9
-
-        def told(seconds: int, undecided: bool = False) -> bool:
-            report.unresolved(seconds * second, undecided)
-            made.node.health.publish()
-            return "sharp manoeuvre" in made.says()[-1][1]
-
-        report.unfit(5 * second)
-        assert not told(6)  # there was no gap
-        report.step(10 * second, LEVEL, None, GAP)
-        assert told(130)
-        report.unfit(60 * second)
-        assert told(180)
-        assert told(181, undecided=True)  # the filter is not sure itself
-        assert not told(181)
-        assert not told(50)
 
 
 ELBOW = [[-36.6, 146.9, 22.0], [-36.558, 146.9522, 22.0], [-36.5930, 146.9958, 22.0]]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
 
-from isogal.inertial.rotations import from_angles, matrix
+from isogal.inertial.rotations import matrix
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.messages.frames import BASE, MAP, ODOM, FrameNames
@@ -50,20 +50,6 @@ def test_dead_reckoning_is_continuous_and_the_chain_is_the_navigator(poses) -> N
     corrected = np.array([a[0] == b[0] for a, b in pairwise(poses)])
     assert moved[corrected].max() > 1.0
     assert moved[~corrected].max() < 1e-6
-
-
-def test_a_correction_of_the_heading_turns_odom_about_the_vehicle() -> None:
-    track = DeadReckoning()
-    track.take(0, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-    track.take(1, np.array([10.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
-    turned = from_angles(0.0, 0.0, 0.5)
-    map_odom, odom_base = track.take(1, np.array([10.0, 0.0, 0.0]), turned)
-    np.testing.assert_allclose(odom_base[:3, 3], [10.0, 0.0, 0.0])
-    np.testing.assert_allclose(map_odom[:3, :3], matrix(turned))
-    # one metre on along the new heading is one metre along x of odom
-    ahead = np.array([10.0, 0.0, 0.0]) + matrix(turned)[:, 0]
-    _, odom_base = track.take(2, ahead, turned)
-    np.testing.assert_allclose(odom_base[:3, 3], [11.0, 0.0, 0.0], atol=1e-12)
 
 
 class StandIn(SimpleNamespace):
