@@ -170,6 +170,13 @@ def test_a_heading_that_is_unsure_is_split_and_keeps_its_moments() -> None:
     assert covariance[HEADING, HEADING] == pytest.approx(wide[HEADING, HEADING], rel=1e-6)
 
 
+def test_errors_are_kept_where_they_are_asked_for_alone() -> None:
+    one, _ = driven()
+    assert len(one.state.clone.shift) == 0
+    assert one.passage(float(BEGIN)) is not None
+    assert len(one.state.clone.shift) > 0
+
+
 def test_measurements_of_the_newest_stamp_count_though_a_passage_was_asked_for_before() -> None:
     def passage_of(asked: bool) -> Passage:
         one, _ = driven()

@@ -355,7 +355,7 @@ class InertialNavigator:
 
     def _clone(self, segment: Segment) -> None:
         """Begin to keep the errors after a segment where they are asked for."""
-        if abs(segment.end - self._kept) > AT_ONCE:
+        if not abs(segment.end - self._kept) <= AT_ONCE:  # nor where it is NaN
             return
         rows, one = self._rows, segment.after.merged
         for state in segment.after.states:
