@@ -269,6 +269,21 @@ def test_what_happened_in_a_gap_is_settled_by_a_later_fix() -> None:
     assert abs(again[0]) < 60.0  # before the gap there was a fix
 
 
+def test_a_passage_over_a_gap_is_of_all_that_may_have_happened() -> None:
+    """While it is open what has: the joint covariance of the errors at both times is one, and its
+    later part is what the navigator says."""
+    it = after_gaps((20.0, 60))
+    assert it.undecided
+    for since in (20.0, 61.0):
+        passage = it.passage(since)
+        assert passage is not None
+        np.testing.assert_allclose(passage.after, it.state.batch_prior, rtol=1e-12)
+        joint = np.block([[passage.smoothed, passage.cross], [passage.cross.T, passage.after]])
+        sigma = np.sqrt(np.diag(joint))
+        assert np.linalg.eigvalsh(scaled(joint, sigma)).min() > -1e-9
+        assert np.abs(scaled(passage.cross, sigma[:7])).max() > 0.1
+
+
 def test_several_gaps_while_it_is_undecided() -> None:
     """States that were merged for a second gap are told apart by what came after it."""
     it = after_gaps((20.0, 50), (51.0, 80))
