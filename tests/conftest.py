@@ -48,9 +48,10 @@ os.environ["ISOGAL_CACHE"] = str(ROOT / "build" / "test-cache")
 TESTPATHS = pytest.Config.ArgsSource.TESTPATHS
 """Of a call that names no tests."""
 FIRST = (
-    *("ros/graph/test_closed_loop.py", "matching/pmht/test_closed_loop.py", "test_compiled.py"),
+    *("ros/graph/test_closed_loop.py", "benchmarks/test_measured_data.py", "test_compiled.py"),
     *("ros/isogal_bringup", "docs", "ros/graph", "montecarlo", "ros", "benchmarks", "paper"),
     *("project", "tracks", "evaluation", "cli/match", "maps/gridding"),
+    "matching/pmht/test_closed_loop.py",
 )
 """Folders and files that take longest; before them one for each worker, which do not wait for each
 other: the first compiles the filter and makes the recording of `ros/conftest.py`, the second the
