@@ -20,7 +20,7 @@ from isogal.scenario import Scenario
 from isogal.scenario.loading import changed_scenario
 
 SPEED, BEGIN, END = 20.0, 30, 80
-GYROSCOPE, SCALE, IN_RUN = BATCH_STATES, BATCH_STATES + 2, 5
+GYROSCOPE, IN_RUN = BATCH_STATES + 4, 5
 CAR = changed_scenario(
     Scenario(),
     [

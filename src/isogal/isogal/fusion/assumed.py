@@ -73,6 +73,7 @@ def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> Filte
     )
     turn = noise[5] * math.sqrt(SOON) + sensors.gyroscope.bias[2] * SOON
     unsure = math.hypot(heading, turn) > UNSURE
+    satellites = assumed.gnss.used and assumed.gnss.judged
     return FilterModel(
         noise=(*noise[:2], math.hypot(noise[2], UNKNOWN_GRAVITY), *noise[3:]),
         initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
@@ -83,7 +84,7 @@ def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> Filte
         height_contents=height_contents(auxiliary) if height.measured else (),
         alpha=CLOSE if unsure else 1.0,
         unsure_heading=unsure,
-        slow_errors=unsure or bool(assumed.velocity_aids),
+        slow_errors=unsure or bool(assumed.velocity_aids) or satellites,
         auxiliary=auxiliary,
         gravity=gravity,
         preintegrated=assumed.samples_per_step > 1,

@@ -9,13 +9,15 @@ from isogal.inertial.error_state import BATCH, BATCH_STATES, FILTER_NAMES
 from isogal.passage import Passage
 
 SLOW = (
-    ("gyroscope_z", "gyroscope_in_run_z"),
+    *((f"accelerometer_{axis}", f"accelerometer_in_run_{axis}") for axis in "xy"),
+    *((f"gyroscope_{axis}", f"gyroscope_in_run_{axis}") for axis in "xyz"),
     ("gyroscope_scale_zz",),
     ("velocity_scale",),
     ("velocity_yaw",),
 )
-"""Sums of states that turn the heading or stretch the path: the vertical gyroscope's bias (rad/s)
-and scale factor, the velocity aid's scale factor and its yaw (rad)."""
+"""Sums of states that tilt the navigator, turn its heading or stretch its path: biases of the
+horizontal accelerometers (m/s²) and the gyroscopes (rad/s), the vertical gyroscope's scale factor,
+the velocity aid's scale factor and its yaw (rad)."""
 
 
 def passage_of(
