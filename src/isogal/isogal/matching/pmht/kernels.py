@@ -454,6 +454,7 @@ def _iterated(
     `at` on, with map errors of 1-sigmas `errors` (n, U); return their log evidence, -inf off the
     map."""
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
+    squared = rows.squared
     place, reading, level, noise, keep, fresh, past, elapsed = own
     x, P, before, prior, at, z, H, g, G, by_age, PH = update
     evidence, first = -math.inf, BATCH_STATES
@@ -478,6 +479,9 @@ def _iterated(
                 value += slope * at[i]
             for i in range(first, min(c, first + errors.shape[1])):
                 H[t, i] += errors[t, i - first]
+            for i in range(2, 4):  # of the velocity
+                H[t, i] -= 2.0 * squared[t] * at[i]
+                value += squared[t] * at[i] * at[i]
             if late.delay >= 0:
                 H[t, late.delay] = by_age[t]
                 value -= by_age[t] * at[late.delay]

@@ -21,11 +21,12 @@ from typing import NamedTuple
 import numpy as np
 
 from isogal.arrays import Array, Integers
-from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.ellipsoid import metres_per_radian, radii
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.maps.channels import AnyMap, by_channel, channels_of
 from isogal.maps.error_model import Chain, chained, independent, shares, smooth
 from isogal.maps.field_map import FieldMap
+from isogal.maps.quantities import GRAVITY
 from isogal.maps.roughness import roughness_at
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import InstrumentErrors
@@ -89,6 +90,8 @@ class Rows(NamedTuple):
     """(n,) s since the reading before."""
     channel: Integers
     """(n,)."""
+    squared: Array
+    """(n,) map's unit per (m/s)²: how much less readings become by the velocity error squared."""
 
 
 def some(rows: Rows, first: int, last: int) -> Rows:
@@ -184,6 +187,7 @@ def rows_of(
         _past(batch, which, states),
         elapsed,
         channel.astype(np.int64),
+        _by_squared_velocity(batch, which, field_map),
     )
     return rows, Epoch(first.start, float(time[-1]), velocity[-1], steps)
 
@@ -234,6 +238,13 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
         np.ascontiguousarray(np.concatenate([map_errors, keep], axis=1)),
         np.ascontiguousarray(np.concatenate([0.0 * map_errors, fresh], axis=1)),
     )
+
+
+def _by_squared_velocity(batch: Batch, which: Integers, field_map: AnyMap) -> Array:
+    """Return `Rows.squared` of rows `which` (n,): of the Eötvös acceleration that a reduction adds,
+    v_n² / (M + h) and v_e² / (N + h) have second derivatives, too (`earth.gravity.eotvos`)."""
+    reduced = batch.by_error[which, 2, 2:4].any(axis=1) & (field_map.quantity in GRAVITY)
+    return np.where(reduced, 1.0 / np.mean(radii(batch.latitude[which]), axis=0), 0.0)
 
 
 def _past(batch: Batch, which: Integers, states: States) -> Array:
