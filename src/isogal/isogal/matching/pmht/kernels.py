@@ -91,6 +91,10 @@ def departures(
         cos, sin = math.cos(angle), math.sin(angle)
         first = math.sqrt(0.5 * (p + r) + math.hypot(0.5 * (p - r), q))
         second = math.sqrt(max(p * r - q * q, 0.0)) / first
+        for i in range(c):
+            a, b = across[0, i], across[1, i]
+            across[0, i] = (cos * a + sin * b) / first
+            across[1, i] = (cos * b - sin * a) / second if second > 0.0 else 0.0
         bend[:], change[:] = 0.0, 0.0
         for t in range(n):
             lat, lon, channel = rows.latitude[t], rows.longitude[t], rows.channel[t]
@@ -115,15 +119,15 @@ def departures(
                 a, b = reach * a * to_lat, reach * b * to_lon
                 one = value_and_gradient(grid, lat + a, lon + b, channel)[0]
                 other = value_and_gradient(grid, lat - a, lon - b, channel)[0]
-                bend[axis] += (0.5 * (one + other) - middle) ** 2 / R
+                swift = across[axis, 2] ** 2 + across[axis, 3] ** 2
+                less = middle + rows.squared[t] * reach * reach * swift
+                bend[axis] += (0.5 * (one + other) - less) ** 2 / R
                 change[axis] += (0.5 * (one - other)) ** 2 / R
         departure = np.sqrt(bend) / np.maximum(np.sqrt(change), 1.0)
         worse = 1 if departure[1] > departure[0] and second > 0.0 else 0
         worst[k] = departure[worse]
         for i in range(c):
-            to_first = cos * across[0, i] + sin * across[1, i]
-            to_second = cos * across[1, i] - sin * across[0, i]
-            along[k, used[i]] = to_first / first if worse == 0 else to_second / second
+            along[k, used[i]] = across[worse, i]
     return worst
 
 

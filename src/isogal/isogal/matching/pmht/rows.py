@@ -241,8 +241,8 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
 
 
 def _by_squared_velocity(batch: Batch, which: Integers, field_map: AnyMap) -> Array:
-    """Return `Rows.squared` of rows `which` (n,): of the Eötvös acceleration that a reduction adds,
-    v_n² / (M + h) and v_e² / (N + h) have second derivatives, too (`earth.gravity.eotvos`)."""
+    """Return `Rows.squared` of rows `which` (n,): the Eötvös acceleration, which a reduction adds,
+    contains v_n² / (M + h) and v_e² / (N + h) (`earth.gravity.eotvos`)."""
     reduced = batch.by_error[which, 2, 2:4].any(axis=1) & (field_map.quantity in GRAVITY)
     return np.where(reduced, 1.0 / np.mean(radii(batch.latitude[which]), axis=0), 0.0)
 
