@@ -229,7 +229,9 @@ class Entrance:
                 raise InputError(f"drivers.{name}.from_tf: needs `frame`, which is looked up")
             form = _form(topic)
             if driver.unit and driver.unit not in form.units:
-                allowed = f"one of {', '.join(form.units)}" if form.units else "empty: it has one only"
+                allowed = (
+                    f"one of {', '.join(form.units)}" if form.units else "empty: it has one only"
+                )
                 raise InputError(f"drivers.{name}.unit: must be {allowed}, not {driver.unit!r}")
             if driver.frame and driver == Driver(frame=driver.frame) and form.frame is None:
                 raise InputError(
