@@ -165,15 +165,16 @@ PUBLISH = "publish: serialise and hand on"
 def watch_callbacks(clock: Clock) -> None:
     """Time what nodes of one process do with each message, decoding included, and publishing: what
     is published inside a callback counts as publication only."""
-    deliver = Listening.deliver
+    join = Bus.join
 
-    def timed_take(listening: Listening, data: bytes) -> None:
+    def timed_join(bus: Bus, listening: Listening) -> None:
         name = f"{listening.node.get_name()}: {listening.topic.name.lstrip('/')}"
         if name.startswith(RECORDER):
             name = f"{RECORDER}: write"
-        clock.timed(name, deliver)(listening, data)
+        listening.deliver = clock.timed(name, listening.deliver)
+        join(bus, listening)
 
-    Listening.deliver = timed_take
+    Bus.join = timed_join
     clock.watch(PUBLISH, Bus, "send")
 
 

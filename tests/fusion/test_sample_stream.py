@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from isogal.fusion.sample_stream import SECOND, TOGETHER, SampleStream
@@ -70,6 +70,7 @@ def smooth():
 
 
 @settings(max_examples=15)
+@example(153)  # the median of its first sixteen intervals is 11 % too short
 @given(st.integers(0, 1000))
 def test_jitter_does_not_move_the_ends_of_steps(seed):
     random = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import NavSatFix
+from sensor_msgs.msg import NavSatFix, NavSatStatus
 from std_msgs.msg import String
 
 from helpers.recordings import rewritten
@@ -88,6 +88,7 @@ def places(folder: Path, *each: tuple[float, float], kind: type = NavSatFix) -> 
         if kind is NavSatFix:
             message.latitude, message.longitude, message.altitude = *place, math.nan
             message.header.stamp.sec = second
+            message.status.status = 0 if any(place) else NavSatStatus.STATUS_NO_FIX
         bag.put(Topic(topics.NAV_FIX.name, kind), message, second * 10**9)
     bag.close()
     return folder
@@ -95,9 +96,8 @@ def places(folder: Path, *each: tuple[float, float], kind: type = NavSatFix) -> 
 
 def test_a_receivers_places_are_viewed_without_those_that_are_none(tmp_path) -> None:
     """Each ended the command with a traceback."""
-    bag = places(
-        tmp_path / "bag", (-38.0, 144.5), (math.nan, math.nan), (-38.1, 144.5), (91.0, 0.0)
-    )
+    none = (math.nan, math.nan), (91.0, 0.0), (0.0, 0.0)
+    bag = places(tmp_path / "bag", (-38.0, 144.5), none[0], (-38.1, 144.5), *none[1:])
     viewed, _ = open_bag(bag)
     np.testing.assert_allclose(np.degrees(viewed.runs.latitude), [-38.0, -38.1])
 

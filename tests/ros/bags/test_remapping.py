@@ -27,13 +27,17 @@ def test_with_a_scenario_it_is_replayed_as_the_recording_itself_and_viewed(
     """As another tool would have made it: other topics, sensors only, no scenario."""
 
     def kept(topic: str, data: bytes) -> bytes | None:
-        return None if topic.startswith("/pmht_mm") else data
+        sensors = *FOREIGN, "/ground_truth/fix", "/nav/fix"
+        return data if topic in sensors else None
 
     foreign = rewritten(recording, tmp_path / "bag", kept, {}, FOREIGN)
     file = tmp_path / "ship.yaml"
     file.write_text(json.dumps(scenario().model_dump(mode="json")))
-    found = json.loads(answer("replay", foreign, "--scenario", file, "--json", *RULES))
+    words = "--scenario", file, "--json", "--out", tmp_path / "out", *RULES
+    found = json.loads(answer("replay", foreign, *words))
     assert found["fixes"]["replayed"] == 6
+    # it has the truth, and the fresh nodes have reduced the readings
+    assert (tmp_path / "out" / "report.html").exists()
     answer("view", foreign, "--out", tmp_path / "view.html", "--scenario", file)
     assert "thus which map" not in (tmp_path / "view.html").read_text(encoding="utf-8")
     words = "--remap", "/sbg/imo:=imu/data_raw"

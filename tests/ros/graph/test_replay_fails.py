@@ -111,6 +111,7 @@ def test_a_sensor_that_the_recording_lacks_is_named_with_its_key(recording) -> N
     assert status == 2
     assert "no messages on barometer/data_raw" in line
     assert "--set height.source=scenario replays without" in line
+    assert "--remap /TOPIC:=barometer/data_raw" in line
 
 
 @pytest.mark.parametrize(

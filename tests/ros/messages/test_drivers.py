@@ -127,7 +127,12 @@ DAMAGED = "is damaged"
         (None, {"imu/data_raw": {"unit": "g"}}, "unit: must be empty"),
         (None, {"imu/data_raw": {"rotation": [math.nan, 0, 0]}}, "must be a finite number"),
         (None, {"gnss/fix": {"translation": [math.inf, 0, 0]}}, "must be a finite number"),
-        (None, {"imu/data_raw": {"frames": "x"}}, "unknown key 'frames'"),
+        (None, {"imu/data_raw": {"frames": "x"}}, r"drivers\.imu/data_raw\.frames"),
+        (
+            None,
+            {"imu/data_raw": {"rotation": [1, 2]}},
+            r"drivers\.imu/data_raw\.rotation\.2: must",
+        ),
         (None, {"gnss/fix": {"from_tf": True}}, r"drivers\.gnss/fix\.from_tf: needs `frame`"),
         ("{", {}, DAMAGED),
         ("[]", {}, DAMAGED),

@@ -100,6 +100,7 @@ def test_what_truth_says_of_other_nodes_sections_is_left_to_them(probe, values) 
     [
         ({"matcher.batch_lenght": 12}, "unknown parameter 'matcher.batch_lenght'; did you mean"),
         ({"xyzzy": 1.0}, "unknown parameter 'xyzzy'; allowed: "),
+        ({"start_time": 1.0}, "(another node's own stand under that node's name in a file"),
         ({"matcher.batch_length": 1}, "matcher.batch_length: must be >= 2, <= 1000, not 1"),
         ({"matcher.batch_length": "many"}, "matcher.batch_length: must be a whole number"),
         ({"gravimeter.sigma": -1e-5}, "gravimeter.sigma: must be > 0, not -1e-05"),

@@ -30,7 +30,7 @@ class TopicChoice:
         list[str] | None,
         text(
             "TOPIC.KEY=VALUE",
-            "How messages of a sensor come: frame, rotation or unit, e.g."
+            "How messages of a sensor come: frame, rotation, translation, from_tf or unit, e.g."
             " gravimeter/data_raw.unit=mGal; repeatable.",
         ),
     ] = None

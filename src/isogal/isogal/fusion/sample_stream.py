@@ -9,7 +9,7 @@ ends with the last sample, and the next one says how long nothing was measured
 from collections import deque
 from dataclasses import dataclass
 from fractions import Fraction
-from statistics import median
+from statistics import fmean, median
 
 import numpy as np
 
@@ -206,6 +206,8 @@ class SampleStream:
         self._intervals.append(interval)
         self._taken += 1
         if self._taken % LEARNT == 0:
-            self._usual = round(median(self._intervals))
+            # jitter of stamps cancels in the mean, which gaps are kept out of
+            usual = median(self._intervals)
+            self._usual = round(fmean(i for i in self._intervals if 2 * abs(i - usual) <= usual))
             if self._taken == LEARNT and not self.as_told:
                 self.missing = sum(max(0, round(one / self._usual) - 1) for one in self._intervals)

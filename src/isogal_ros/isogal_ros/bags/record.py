@@ -8,6 +8,7 @@ from typing import TypedDict
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import NavSatStatus
 
 from isogal.arrays import Array
 from isogal.cli.errors import note
@@ -200,7 +201,9 @@ def _require_whole(topic: Topic, data: bytes) -> None:
     if topic not in _UNCHECKED:
         message = decoded(data, topic.type)
         if topic in _PLACES:
-            read_place(message)
+            place = read_place(message)
+            if message.status.status == NavSatStatus.STATUS_NO_FIX and place == (0.0, 0.0):
+                raise BadMessageError("no fix, and therefore no position")
 
 
 LONGEST_GAP = 10_000_000_000

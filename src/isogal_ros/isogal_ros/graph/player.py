@@ -197,8 +197,8 @@ def _check_there(reader: BagReader, missing: list[str]) -> None:
     cut = f"; {reader.cut}" if reader.cut else ""
     keys = "".join(f"; {key} replays without" for name, key in _WITHOUT.items() if name in missing)
     raise InputError(
-        f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs{keys}; the"
-        f" bag has {there}{cut}"
+        f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs{keys}; those"
+        f" of another name are taken by --remap /TOPIC:={missing[0]}; the bag has {there}{cut}"
     )
 
 

@@ -110,7 +110,10 @@ def replay(
         answered = _play(player, interrupt, report)
         failures = [] if interrupt else _shortcomings(player, answered)
         fusion = player.filter
-    outputs.readings, outputs.others = recorded.collector.readings, recorded.collector.others
+    if (
+        recorded.collector.readings
+    ):  # else those that the fresh nodes have reduced are the only ones
+        outputs.readings, outputs.others = recorded.collector.readings, recorded.collector.others
     return Replay(
         scenario,
         outputs,

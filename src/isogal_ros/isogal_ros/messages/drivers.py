@@ -229,7 +229,9 @@ class Entrance:
                 raise InputError(f"drivers.{name}.from_tf: needs `frame`, which is looked up")
             form = _form(topic)
             if driver.unit and driver.unit not in form.units:
-                allowed = f"one of {', '.join(form.units)}" if form.units else "empty"
+                allowed = (
+                    f"one of {', '.join(form.units)}" if form.units else "empty: it has one only"
+                )
                 raise InputError(f"drivers.{name}.unit: must be {allowed}, not {driver.unit!r}")
             if driver.frame and driver == Driver(frame=driver.frame) and form.frame is None:
                 raise InputError(
@@ -258,7 +260,7 @@ class Entrance:
         except (ValueError, KeyError, TypeError):
             raise InputError("drivers: what the recording says of them is damaged") from None
         drivers = {
-            name: validated(Driver, one, where="drivers: ") for name, one in entries.items()
+            name: validated(Driver, one, f"drivers.{name}.") for name, one in entries.items()
         }
         return cls(drivers, names)
 

@@ -81,7 +81,8 @@ def known_values(
             kept[name] = value
         else:
             hint = nearest(name, allowed, 0.5) or f"; allowed: {', '.join(sorted(names))}"
-            raise InputError(f"unknown parameter '{name}'{hint}")
+            others = " (another node's own stand under that node's name in a file, not under /**)"
+            raise InputError(f"unknown parameter '{name}'{hint}{others}")
     kept |= {outer: yaml_line(nested(part)) for outer, part in parts.items()}
     return {spec.name: spec.cast(kept.get(spec.name, spec.default)) for spec in specs}
 
