@@ -63,6 +63,32 @@ def test_rows_foretell_the_readings_of_a_navigator_with_an_error():
     np.testing.assert_allclose(made.noise, 1e-10)
 
 
+@pytest.mark.parametrize("quantity", ["disturbance", "field"])
+def test_a_reduction_is_not_linear_in_a_velocity_that_is_far_off(quantity):
+    """A reduction by a velocity that is v off adds v² / R less than its derivative says."""
+    error = np.array([250.0, -300.0, 30.0, -20.0])
+    field_map = replace(ROUGH, quantity=quantity, unit="m/s²")
+    batch, _ = make_batch(field_map, error, seed=None, jacobian=(1e-9, 0.0, 3e-6, 1e-4))
+    gravity = quantity == "disturbance"
+    squares = (30.0**2 + 20.0**2) / 6.37e6 if gravity else 0.0
+    made, _, states = rows(replace(batch, reading=batch.reading - squares), field_map)
+    letter = models_of(Assumed(noise=1e-5, scale=1e-4, rough=1e-5, sigma=0.0, trust=1.0), states)
+    sigma = np.zeros(states.count)
+    sigma[:4] = 100.0, 100.0, 1.0, 1.0
+    mean = np.pad(error, (0, states.count - 4))[None]
+    bank = Hypotheses(letter, np.zeros(1, int), np.zeros(1), mean, np.diag(sigma**2)[None])
+    after = bank.observed(field_map, made)
+    np.testing.assert_allclose(after.mean[0, :4], error, rtol=1e-3)
+    # over which a velocity is uncertain by 20 m/s that bends as much as a map does
+    flat = replace(PLANE, quantity=quantity, unit="m/s²")
+    made = rows(batch, flat)[0]
+    sigma[2:4] = 20.0
+    across = np.diag(sigma**2)
+    across[0, 2] = across[2, 0] = 0.99 * sigma[0] * sigma[2]
+    wide = replace(bank, covariance=across[None]).split(flat, made)
+    assert (len(wide) > 1) == gravity
+
+
 def test_only_new_readings_that_are_there_are_rows():
     batch, _ = make_batch(PLANE)
     reading = batch.reading.copy()
