@@ -1,8 +1,8 @@
 """What a navigator's own data make of its error between two times.
 
 The error at the first of them and that at the second are one joint Gaussian, which the filter
-keeps (docs/mathematics.md, section 6.2). Where the heading decides where the vehicle goes, the
-slow errors of the sensors, which turn it and stretch the path, are part of both."""
+keeps (docs/mathematics.md, section 6.2). Where slow errors of the sensors decide where a navigator
+goes, they are part of both."""
 
 import math
 from dataclasses import dataclass

@@ -37,8 +37,8 @@ linear in it. Sigma points as far out as that would make a turn of the velocity 
 and each change of speed a measurement of the heading (docs/mathematics.md, section 3.17); close to
 the centre they are the derivative."""
 ADRIFT = 2e3
-"""m: by so much biases may lead away in that time without a matcher's following them; over as much
-what a map shows changes."""
+"""m that biases may add to the position in that time before a matcher has to follow them: over as
+much what a map shows changes."""
 CLOSE = 0.1
 """Spread of the sigma points there, of that of the others."""
 
