@@ -88,10 +88,10 @@ class Verdict:
 
 
 def _doubt(fix: Fix) -> str | None:
-    """Return what is probably not as it was told; None where it may all be so."""
+    """Return what is probably not as specified; None where it may all be so."""
     for name, words in DOUBTS.items():
         if fix.diagnostics.get(name, 0.0) > CERTAIN:
-            return f"what was told does not foretell the readings: {words}"
+            return f"the readings do not fit what is specified: {words}"
     return None
 
 
