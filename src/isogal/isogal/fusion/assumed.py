@@ -77,11 +77,11 @@ def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> Filte
     )
     turn = noise[5] * math.sqrt(SOON) + sensors.gyroscope.bias[2] * SOON
     unsure = math.hypot(heading, turn) > UNSURE
-    satellites = assumed.gnss.used and assumed.gnss.judged
-    adrift = _drift(*bias_sigma(sensors).reshape(2, 3)[:, :2].max(axis=1)) > ADRIFT
+    biases = bias_sigma(sensors)
+    adrift = _drift(*biases.reshape(2, 3)[:, :2].max(axis=1)) > ADRIFT
     return FilterModel(
         noise=(*noise[:2], math.hypot(noise[2], UNKNOWN_GRAVITY), *noise[3:]),
-        initial_sigma=(*sigma, *bias_sigma(sensors).tolist()),
+        initial_sigma=(*sigma, *biases.tolist()),
         dt=1.0 / assumed.navigation_rate,
         filter=assumed.fusion.filter,
         height_sigma=height.sigma if height.measured else KNOWN_HEIGHT,
@@ -89,7 +89,7 @@ def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> Filte
         height_contents=height_contents(auxiliary) if height.measured else (),
         alpha=CLOSE if unsure else 1.0,
         unsure_heading=unsure,
-        slow_errors=unsure or bool(assumed.velocity_aids) or satellites or adrift,
+        slow_errors=unsure or bool(assumed.velocity_aids) or assumed.gnss.doubted or adrift,
         auxiliary=auxiliary,
         gravity=gravity,
         preintegrated=assumed.samples_per_step > 1,

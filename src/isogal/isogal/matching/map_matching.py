@@ -64,7 +64,7 @@ class MapMatching:
         self.lead = UpdateSchedule.of(assumed.each_field).lead
         """The field that says when a batch ends."""
         self._maps = tuple(maps)
-        self._satellites = assumed.gnss.used and assumed.gnss.judged
+        self._satellites = assumed.gnss.doubted
         self._sigmas = [one.gravimeter.sigma for one in assumed.each_field]
 
     @property

@@ -351,6 +351,11 @@ class Gnss(Section):
         return self.available is not None
 
     @property
+    def doubted(self) -> bool:
+        """Whether there is a receiver that may be found to be wrong."""
+        return self.used and self.judged
+
+    @property
     def positions(self) -> PositionAid:
         """Its positions, as any other aid's; what they consist of has been checked."""
         return SatellitePosition.model_construct(

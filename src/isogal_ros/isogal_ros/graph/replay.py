@@ -110,9 +110,8 @@ def replay(
         answered = _play(player, interrupt, report)
         failures = [] if interrupt else _shortcomings(player, answered)
         fusion = player.filter
-    if (
-        recorded.collector.readings
-    ):  # else those that the fresh nodes have reduced are the only ones
+    # else those that the fresh nodes have reduced are the only ones
+    if recorded.collector.readings:
         outputs.readings, outputs.others = recorded.collector.readings, recorded.collector.others
     return Replay(
         scenario,

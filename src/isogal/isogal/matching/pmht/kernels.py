@@ -48,6 +48,35 @@ def _larger(
     return ratio if believed > 0.0 and math.isfinite(ratio) else 1.0
 
 
+@kernel(**INLINE)
+def _axes(
+    place: Array, covariance: Array, used: Integers, c: int, across: Array
+) -> tuple[float, float, float, float]:
+    """Return direction (cosine, sine) of the longer axis and the 1-sigmas of both, m, of where a
+    row was taken, `place` (2, N) per unit of the states, and write into `across` (2, N) how each
+    of the c states `used` moves with either axis, 1-sigma."""
+    p = q = r = 0.0
+    for i in range(c):
+        a = b = 0.0
+        for j in range(c):
+            a += covariance[used[i], used[j]] * place[0, used[j]]
+            b += covariance[used[i], used[j]] * place[1, used[j]]
+        across[0, i], across[1, i] = a, b
+        p += place[0, used[i]] * a
+        q += place[0, used[i]] * b
+        r += place[1, used[i]] * b
+    # of the covariance [[p, q], [q, r]]
+    angle = 0.5 * math.atan2(2.0 * q, p - r)
+    cos, sin = math.cos(angle), math.sin(angle)
+    first = math.sqrt(0.5 * (p + r) + math.hypot(0.5 * (p - r), q))
+    second = math.sqrt(max(p * r - q * q, 0.0)) / first
+    for i in range(c):
+        a, b = across[0, i], across[1, i]
+        across[0, i] = (cos * a + sin * b) / first
+        across[1, i] = (cos * b - sin * a) / second if second > 0.0 else 0.0
+    return cos, sin, first, second
+
+
 @kernel(error_model="numpy")
 def departures(
     grid: Grid,
@@ -76,25 +105,7 @@ def departures(
             continue
         m = which[k]
         c, used, sigma, shape = models.sizes[m], models.used[m], models.sigma[m], models.shape[m]
-        p = q = r = 0.0
-        for i in range(c):
-            a = b = 0.0
-            for j in range(c):
-                a += covariance[k, used[i], used[j]] * rows.place[last, 0, used[j]]
-                b += covariance[k, used[i], used[j]] * rows.place[last, 1, used[j]]
-            across[0, i], across[1, i] = a, b
-            p += rows.place[last, 0, used[i]] * a
-            q += rows.place[last, 0, used[i]] * b
-            r += rows.place[last, 1, used[i]] * b
-        # both axes of the covariance [[p, q], [q, r]] of the place
-        angle = 0.5 * math.atan2(2.0 * q, p - r)
-        cos, sin = math.cos(angle), math.sin(angle)
-        first = math.sqrt(0.5 * (p + r) + math.hypot(0.5 * (p - r), q))
-        second = math.sqrt(max(p * r - q * q, 0.0)) / first
-        for i in range(c):
-            a, b = across[0, i], across[1, i]
-            across[0, i] = (cos * a + sin * b) / first
-            across[1, i] = (cos * b - sin * a) / second if second > 0.0 else 0.0
+        cos, sin, first, second = _axes(rows.place[last], covariance[k], used, c, across)
         bend[:], change[:] = 0.0, 0.0
         for t in range(n):
             lat, lon, channel = rows.latitude[t], rows.longitude[t], rows.channel[t]
