@@ -89,6 +89,19 @@ def test_a_reduction_is_not_linear_in_a_velocity_that_is_far_off(quantity):
     assert (len(wide) > 1) == gravity
 
 
+def test_the_velocity_of_each_scan_counts_in_the_reduction():
+    """A tilt of 5 mrad about east has changed the velocity by 5 m/s since 100 s before the end."""
+    field_map = replace(PLANE, quantity="disturbance", unit="m/s²")
+    batch, _ = make_batch(field_map, jacobian=(0.0, 0.0, 3e-6, 1e-4))
+    backward, age = batch.backward.copy(), batch.time[-1] - batch.time
+    backward[:, 2, 5] = 9.8 * age
+    error = np.array([0.0, 0.0, 30.0, -20.0, 0.0, 5e-3, 0.0])
+    made = rows(replace(batch, backward=backward), field_map)[0]
+    squares = np.square(made.squared @ error).sum(axis=1)
+    expected = ((30.0 + 0.049 * age) ** 2 + 20.0**2) / 6.37e6
+    np.testing.assert_allclose(squares, expected, rtol=0.01)
+
+
 def test_only_new_readings_that_are_there_are_rows():
     batch, _ = make_batch(PLANE)
     reading = batch.reading.copy()

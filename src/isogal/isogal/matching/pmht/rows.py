@@ -91,7 +91,8 @@ class Rows(NamedTuple):
     channel: Integers
     """(n,)."""
     squared: Array
-    """(n,) map's unit per (m/s)²: how much less readings become by the velocity error squared."""
+    """(n, 2, 7) root of the map's unit per unit of the navigator's error: readings become less by
+    the sum of the squares of both."""
 
 
 def some(rows: Rows, first: int, last: int) -> Rows:
@@ -244,7 +245,8 @@ def _by_squared_velocity(batch: Batch, which: Integers, field_map: AnyMap) -> Ar
     """Return `Rows.squared` of rows `which` (n,): the Eötvös acceleration, which a reduction adds,
     contains v_n² / (M + h) and v_e² / (N + h) (`earth.gravity.eotvos`)."""
     reduced = batch.by_error[which, 2, 2:4].any(axis=1) & (field_map.quantity in GRAVITY)
-    return np.where(reduced, 1.0 / np.mean(radii(batch.latitude[which]), axis=0), 0.0)
+    root = np.sqrt(reduced / np.stack(radii(batch.latitude[which])))
+    return np.ascontiguousarray(root.T[..., None] * batch.backward[which, 2:4])
 
 
 def _past(batch: Batch, which: Integers, states: States) -> Array:
