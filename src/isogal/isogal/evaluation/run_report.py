@@ -16,7 +16,6 @@ from isogal.evaluation.figures.signal import signal_figure
 from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
-from isogal.evaluation.integrity import Solution
 from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
 from isogal.evaluation.results import IntegritySummary, Number, Summary
@@ -225,7 +224,7 @@ def _integrity(runs: Runs, settings: Integrity, found: IntegritySummary) -> Sect
         f" {time['assumed']:g} s apart, the assumed correlation time of the error (measured in"
         f" these runs: {measured} s), are one event."
     )
-    figure = stanford_figure(Solution.of(runs), settings)
+    figure = stanford_figure(runs, settings)
     return Section(
         "Integrity",
         [text],

@@ -9,7 +9,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.figures.style import FieldScale
-from isogal.evaluation.integrity import Solution
+from isogal.evaluation.integrity import level_of
 from isogal.evaluation.records import Runs
 from isogal.evaluation.results import finite
 from isogal.evaluation.view.projection import Projection
@@ -85,7 +85,7 @@ def _states(viewed: ViewedRun, projection: Projection) -> Table:
         "error": runs.horizontal_error[0],
         "unaided": runs.unaided_horizontal_error[0],
         **_covariances(covariance),
-        "level": Solution.of(runs).level(viewed.assumed.integrity)[0],
+        "level": level_of(runs, viewed.assumed.integrity)[0],
         "nees": nees_per_axis(error, covariance),
     }
     if not viewed.is_true:
