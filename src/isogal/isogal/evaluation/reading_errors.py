@@ -56,25 +56,14 @@ class MapSteps(NamedTuple):
     """(U, C) how much of each is in the channels."""
 
 
-class BeamChannels(NamedTuple):
-    """The beams of an altimeter, turned into B channels whose map errors are independent."""
-
-    sensitivity: Array
-    """(S, B, 4) d(reading)/d(navigator's error)."""
-    map_variance: Array
-    """(B,) of the map's error in each, in units of that of one beam."""
-    common: Array
-    """(B,) how much of what all beams have in common is in each: tide, height."""
-
-
 def beam_channels(
     altimeter: Altimeter,
     trajectory: Trajectory,
     field_map: ScalarMap,
     scans: Integers,
     correlation_length: float,
-) -> BeamChannels:
-    """Return the channels of an altimeter.
+) -> tuple[Array, Array, Array]:
+    """Return the beams of an altimeter, turned into B channels whose map errors are independent.
 
     The map's errors under the beams are taken to be correlated as they are where the clearance is
     its mean, and from scan to scan as under one beam; the scale of the ranges is taken to be
@@ -90,6 +79,12 @@ def beam_channels(
         Of each scan in the trajectory.
     correlation_length : float
         m, of the map's error.
+
+    Returns
+    -------
+    (S, B, 4), (B,) and (B,) arrays
+        d(reading)/d(navigator's error); the map's error in each channel, as a variance in units of
+        that of one beam; and how much of what all beams have in common is in each: tide, height.
     """
     foot = Footprints(altimeter, trajectory, field_map, scans)
     _, north, east = field_map.value_and_gradient(*foot.places(foot.range))
@@ -99,7 +94,7 @@ def beam_channels(
     sensitivity = np.zeros((*foot.range.shape, 4))
     sensitivity[..., 0] = -np.einsum("bc,sb->sc", turn, north)
     sensitivity[..., 1] = -np.einsum("bc,sb->sc", turn, east)
-    return BeamChannels(sensitivity, np.maximum(values, 0.0), turn.sum(axis=0))
+    return sensitivity, np.maximum(values, 0.0), turn.sum(axis=0)
 
 
 def gravimeter_errors(

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from isogal.arrays import Array, Booleans, Integers
@@ -197,17 +196,12 @@ class Runs:
         with reading(path, "a record of runs"), np.load(path, allow_pickle=False) as stored:
             if (version := int(stored["format"])) != FORMAT:
                 raise InputError(f"{path}: has format {version} of records, not {FORMAT}")
-            own = {name: stored[name] for name in _names(Runs) if _is_there(name, stored)}
+            own = {name: stored[name] for name in _names(Runs) if name in stored}
             names = {name: _OF_DETAIL + name for name in _names(RunDetail)}
             detail = None
             if all(key in stored for key in names.values()):
                 detail = RunDetail(**{name: stored[key] for name, key in names.items()})
             return Runs(**own, detail=detail)
-
-
-def _is_there(name: str, stored: NpzFile) -> bool:
-    """Whether a file has an array of a record; one that every record has is asked for anyway."""
-    return name in stored or name not in _OPTIONAL
 
 
 def _names(record: type[RunDetail] | type[Runs]) -> list[str]:
@@ -222,6 +216,5 @@ def _arrays(record: RunDetail | Runs) -> list[tuple[str, Any]]:
 
 
 _OF_DETAIL = "detail_"
-_OPTIONAL = ("smoothed_error", "smoothed_covariance")
 _SHARED = ("time", "latitude", "longitude", "fix_time")
 """Arrays of a record that all its runs share; of the others each has its own."""
