@@ -26,8 +26,7 @@ FORMAT = 3
 class RunDetail:
     """What only the figures of a single run need, for run 0 of the record. SI units, radians.
 
-    Candidates of all batches are in one list of N, each with its batch, its scan within the batch
-    and its weight."""
+    Candidates of all batches are in one list of N, each with its batch and its weight."""
 
     scan_time: Array
     """(S,) s."""
@@ -46,12 +45,10 @@ class RunDetail:
     """(N,) association probability within its scan."""
     candidate_batch: Integers
     """(N,) index into the record's fix_time."""
-    candidate_scan: Integers
-    """(N,) index of the scan in its batch."""
 
     @staticmethod
     def flatten(candidates: Sequence[Candidates | None]) -> dict[str, Any]:
-        """Return the five candidate fields from the candidates of each batch in turn (None = the
+        """Return the four candidate fields from the candidates of each batch in turn (None = the
         batch has none)."""
         present = [(batch, c) for batch, c in enumerate(candidates) if c is not None]
         batches = np.array([batch for batch, _ in present], dtype=np.int64)
@@ -61,7 +58,6 @@ class RunDetail:
             "candidate_longitude": np.concatenate([none, *(c.longitude for _, c in present)]),
             "candidate_weight": np.concatenate([none, *(c.weight for _, c in present)]),
             "candidate_batch": np.repeat(batches, [c.latitude.size for _, c in present]),
-            "candidate_scan": np.concatenate([batches[:0], *(c.scan for _, c in present)]),
         }
 
 

@@ -30,7 +30,7 @@ Column = Sequence[float | str | None]
 Table = dict[str, Column]
 """Columns by name."""
 _DIGITS = {"t": 7, "latitude": 9, "longitude": 9, "east_scale": 6, "north_scale": 6,
-           "milliseconds": 3, "weight": 3, "difference": 4}  # fmt: skip
+           "weight": 3, "difference": 4}  # fmt: skip
 """Significant ones; of places on the map there are eight, of others five."""
 
 
@@ -109,7 +109,6 @@ def _batches(viewed: ViewedRun, projection: Projection) -> Table:
                 "north": fix[:, 0],
                 "east": fix[:, 1],
                 "nees": nees if viewed.is_true else np.full_like(nees, np.nan),
-                "milliseconds": 1e3 * runs.fix_seconds[0],
                 **_covariances(runs.fix_covariance[0]),
                 **_covariances(runs.posterior_covariance[0], "after_"),
             }
@@ -122,15 +121,14 @@ def _candidates(runs: Runs, projection: Projection) -> list[Table]:
     """Candidates of each batch, of all its scans."""
     detail = runs.detail
     if detail is None:
-        return [{"x": [], "y": [], "weight": [], "scan": []} for _ in runs.fix_time]
+        return [{"x": [], "y": [], "weight": []} for _ in runs.fix_time]
     x, y = projection(detail.candidate_latitude, detail.candidate_longitude)
     weight = detail.candidate_weight
     found = []
     for batch in range(runs.fix_time.size):
         mine = np.flatnonzero(detail.candidate_batch == batch)
         mine = mine[np.argsort(-weight[mine], kind="stable")[:MOST_CANDIDATES]]
-        table = _table({"x": x[mine], "y": y[mine], "weight": weight[mine]})
-        found.append({**table, "scan": detail.candidate_scan[mine].tolist()})
+        found.append(_table({"x": x[mine], "y": y[mine], "weight": weight[mine]}))
     return found
 
 
