@@ -12,10 +12,9 @@ from isogal.fields.beams import Footprints
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.maps.error_model import Chain, chained, decay, shares
 from isogal.maps.tiled_map import ScalarMap
+from isogal.matching.reading_noise import noise_states
 from isogal.scenario import Altimeter, Gradiometer, Gravimeter, MapError
 from isogal.sensors.gradiometer import EOTVOS, tilt_effect
-from isogal.sensors.gravimeter_errors import accelerations
-from isogal.sensors.platform import mean_error
 from isogal.sensors.trajectory import Trajectory
 
 _BEFORE = 4
@@ -109,23 +108,12 @@ def gravimeter_errors(
     index : (S,) array
         Of each scan in the trajectory.
     """
-    found, always = [], np.ones((len(index), 1))
     before = np.concatenate([[0], index])
     time, velocity = trajectory.time[before], trajectory.velocity[before, :2]
-    if (sigma := settings.correlated_sigma) > 0.0:
-        found.append(SlowError.of("noise", sigma, always, time=settings.correlation_time))
-    if (sigma := settings.cross_coupling) > 0.0:
-        moving = accelerations(time, velocity)[1:]
-        found += [SlowError.of("coupling", sigma, by[:, None]) for by in moving.T]
-    if (sigma := settings.dynamic_pressure) > 0.0:
-        square = (velocity[1:] ** 2).sum(axis=1)
-        found.append(SlowError.of("dynamic_pressure", sigma, square[:, None]))
-    if (sigma := settings.platform_tilt) > 0.0:
-        half, lasting = 0.5 * settings.platform_time, settings.platform_time
-        found.append(SlowError.of("levelling", abs(mean_error(settings)), always, time=half))
-        force = np.diff(velocity, axis=0) / np.diff(time)[:, None]
-        found += [SlowError.of("tilt", sigma, by[:, None], time=lasting) for by in force.T]
-    return found
+    moved, since = np.diff(velocity, axis=0), np.diff(time)[:, None]
+    force = np.concatenate([moved[:1], moved / since])  # the first is of the start, which is none
+    states = noise_states(settings, time, velocity, force)
+    return [SlowError.of(name, sigma, by[1:, None], time) for name, sigma, time, by in states]
 
 
 def gradiometer_errors(
