@@ -10,6 +10,7 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import radii
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.inertial.error_state import batch_covariance
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Imu, ImuErrors, InitialError
 from isogal.sensors.imu_model import bias_sigma
@@ -86,17 +87,9 @@ def initial_covariance(
 ) -> Array:
     """Return the covariance (13 + M, 13 + M) of the error at the start: initial errors, biases of
     the IMU, and auxiliary states."""
-    start = [
-        sigma.position,
-        sigma.position,
-        sigma.velocity,
-        sigma.velocity,
-        sigma.tilt,
-        sigma.tilt,
-        sigma.heading,
-    ]
-    more = [state.sigma for state in auxiliary]
-    return np.diag(np.square([*start, *bias_sigma(sensors), *more]))
+    start = batch_covariance(sigma.position, sigma.velocity, sigma.tilt, sigma.heading)
+    more = np.square([*bias_sigma(sensors), *(state.sigma for state in auxiliary)])
+    return np.diag([*np.diag(start), *more])
 
 
 def noise_density(imu: Imu) -> Array:

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 from isogal.cli.options import ScenarioChoice, number, text
@@ -63,12 +62,6 @@ class RouteChoice(ScenarioChoice):
 
     PANEL: ClassVar[str] = PART
 
-    scenario: Annotated[
-        Path | None, text("FILE", "Scenario (YAML) whose route and sensor count.")
-    ] = None
-    set_: Annotated[
-        list[str] | None, text("KEY=VALUE", "Change a key of the scenario; repeatable.", "--set")
-    ] = None
     route: Annotated[
         str | None,
         text("'LAT,LON LAT,LON ...'", "Route by its points, deg, instead of the scenario's."),
