@@ -234,19 +234,6 @@ def test_a_correction_is_carried_back_to_earlier_scans():
     assert after.max() < 0.1 * before.min()
 
 
-def test_retrodiction_reports_the_past_states_it_corrects():
-    it = scenario(duration=300.0, mode="retrodiction")
-    told = []
-    runs = simulate(
-        it, [4, 7], MAP, revised=lambda run, k, track: told.append((run, k.tolist(), len(track)))
-    )
-    assert len(told) > 1
-    assert told == [
-        (run, list(range(15 * b + 1, 15 * b + 16)), 15)
-        for run, b in np.argwhere(runs.published).tolist()
-    ]
-
-
 def test_gravity_that_is_felt_and_not_known_of_spoils_the_unaided_ins():
     """The map's vector acts on the IMU, and its compensation takes it off again."""
 

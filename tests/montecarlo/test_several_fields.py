@@ -101,4 +101,5 @@ def test_command_line(tmp_path, monkeypatch):
     page = (out / "report.html").read_text()
     assert "gravity matching" in page
     assert "terrain matching, sigma 20 m" in page
+    assert "Figures of map and readings show the first, gravity." in page
     assert "fields: must have an entry" in refusal(*command, "--set", "fields=[]")

@@ -98,12 +98,8 @@ def _scenario(document: dict[str, Json], first: str, field_map: "RunMap") -> Sec
     texts = []
     for one in each_map(field_map):
         channels = len(channels_of(one))
-        first = (
-            f", the first of {channels} that are matched; figures show it alone"
-            if channels > 1
-            else ""
-        )
-        texts.append(f"Map: {one.provenance or one.quantity}{first}.")
+        of_many = f", the first of {channels} that are matched; figures show it alone"
+        texts.append(f"Map: {one.provenance or one.quantity}{of_many if channels > 1 else ''}.")
     if len(texts) > 1:
         texts.append(f"Figures of map and readings show the first, {first}.")
     return Section(
