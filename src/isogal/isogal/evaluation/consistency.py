@@ -106,15 +106,15 @@ def effective_samples(values: ArrayLike) -> float:
     return float(max(count / tau, runs))
 
 
-def mean_nees(values: ArrayLike, confidence: float = 0.95) -> tuple[float, tuple[float, float]]:
+def mean_nees(values: ArrayLike) -> tuple[float, tuple[float, float]]:
     """Return the mean of (R, B) NEES values per axis of two axes, NaN left out, and the chi-square
-    interval that it lies in for a consistent estimator; NaN where there is no value."""
+    interval of 95 % that it lies in for a consistent estimator; NaN where there is no value."""
     values = np.atleast_2d(np.asarray(values, dtype=np.float64))
     known = ~np.isnan(values)
     if not known.any():
         return np.nan, (np.nan, np.nan)
     independent = effective_samples(values)
-    return float(values[known].mean()), chi_square_interval(independent, 2, confidence)
+    return float(values[known].mean()), chi_square_interval(independent)
 
 
 def spread_test(

@@ -106,7 +106,6 @@ def _scenario(document: dict[str, Json], first: str, field_map: "RunMap") -> Sec
         "Scenario",
         texts,
         listing=yaml.safe_dump(document, sort_keys=False, allow_unicode=True),
-        listing_title="All settings",
     )
 
 

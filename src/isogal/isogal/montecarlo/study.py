@@ -38,7 +38,6 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C; what was finished is kept."""
 
     def __init__(self, kept: int, total: int) -> None:
-        super().__init__(f"{kept} of {total} runs are kept")
         self.kept, self.total = kept, total
 
 
