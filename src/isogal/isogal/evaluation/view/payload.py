@@ -10,7 +10,7 @@ from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.figures.style import FieldScale
 from isogal.evaluation.integrity import level_of
-from isogal.evaluation.records import Runs
+from isogal.evaluation.records import RunDetail, Runs
 from isogal.evaluation.results import finite
 from isogal.evaluation.view.projection import Projection
 from isogal.evaluation.view.record import Event, ViewedRun
@@ -25,6 +25,9 @@ AGAIN = 60.0
 _OF_TRUTH = ("error", "north", "east", "nees", "unaided")
 """Columns that nobody knows without the truth."""
 
+
+_NOTHING = RunDetail(*(np.empty(0),) * 4, **RunDetail.flatten([]))
+"""Of a record without detail."""
 
 Column = Sequence[float | str | None]
 Table = dict[str, Column]
@@ -119,9 +122,7 @@ def _batches(viewed: ViewedRun, projection: Projection) -> Table:
 
 def _candidates(runs: Runs, projection: Projection) -> list[Table]:
     """Candidates of each batch, of all its scans."""
-    detail = runs.detail
-    if detail is None:
-        return [{"x": [], "y": [], "weight": []} for _ in runs.fix_time]
+    detail = runs.detail or _NOTHING
     x, y = projection(detail.candidate_latitude, detail.candidate_longitude)
     weight = detail.candidate_weight
     found = []
@@ -133,9 +134,7 @@ def _candidates(runs: Runs, projection: Projection) -> list[Table]:
 
 
 def _readings(viewed: ViewedRun, scale: FieldScale) -> Table:
-    detail, start = viewed.runs.detail, viewed.runs.time[0]
-    if detail is None:
-        return {"t": [], "reading": [], "truth": [], "navigator": [], "difference": []}
+    detail, start = viewed.runs.detail or _NOTHING, viewed.runs.time[0]
     reading, navigator = scale(detail.reading), scale(detail.map_value_navigator)
     true = detail.map_value if viewed.is_true else np.full_like(detail.map_value, np.nan)
     columns = {
