@@ -14,6 +14,7 @@ from helpers.studies import same_runs
 from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
+from isogal.evaluation.summary import summarise
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
@@ -172,6 +173,30 @@ def test_without_fixes_the_navigator_only_predicts():
     assert (np.diff(trace) > 0.0).all()
 
 
+def test_a_matcher_that_raises_and_a_fix_78_km_off_cost_a_batch_each():
+    """They change nothing, and the matcher goes on with what it knew."""
+    it, calls = scenario(), iter(range(4))
+
+    def answer(batch):
+        call = next(calls)
+        if call == 1:
+            raise np.linalg.LinAlgError("Matrix is not positive definite")
+        false = at(batch, batch.latitude[-1] + 0.0122, batch.longitude[-1], 1.0)
+        return false if call == 2 else nothing(batch)
+
+    scripted = Scripted(answer)
+    runs = simulate(it, [0], MAP, scripted)
+    assert scripted.memories == [None, 1, 1, 2]
+    _, raised, rejected, _ = runs.fix_reason[0]
+    assert raised.startswith("the matcher failed: LinAlgError: Matrix is not positive definite (")
+    assert rejected.startswith("rejected by the navigator: 77.")
+    fixes = summarise(runs, it, np.full(runs.time.shape, np.nan))["fixes"]
+    assert fixes == {"published": 0, "declined": 4, "failed": 1, "rejected": 1}
+    without = simulate(it, [0], MAP, Scripted(nothing))
+    np.testing.assert_array_equal(runs.error, without.error)
+    np.testing.assert_array_equal(runs.covariance, without.covariance)
+
+
 def test_a_position_fix_is_weighted_by_its_covariance():
     it = scenario()
     runs = simulate(it, [0], MAP, Scripted(lambda batch: at(batch, *truth_at(it, batch), 1.0)))
@@ -202,16 +227,6 @@ def test_a_reset_widens_even_without_a_fix():
     assert runs.covariance[0, 14, 0, 0] < 400.0**2
     assert scripted.batches[1].prior[0, 0] > 0.9 * LOST_SIGMA[0] ** 2
     np.testing.assert_allclose(runs.error, runs.unaided_error, atol=20.0)
-
-
-def test_batches_have_the_matchers_stride_and_context():
-    it = scenario(stride=5)
-    scripted = Scripted(nothing, context=8)
-    simulate(it, [0], MAP, scripted)
-    assert [len(batch) for batch in scripted.batches] == [15, 20] + [23] * 8
-    assert [batch.new for batch in scripted.batches] == [15] + [5] * 9
-    assert [batch.time[-1] for batch in scripted.batches] == list(np.arange(150.0, 601.0, 50.0))
-    assert scripted.memories == [None, *range(1, 10)]
 
 
 def test_a_correction_is_carried_back_to_earlier_scans():
@@ -245,33 +260,6 @@ def test_gravity_that_is_felt_and_not_known_of_spoils_the_unaided_ins():
     felt = np.linalg.norm(error(field="map", compensation="none") - unfelt)
     assert felt > 1.0
     assert np.linalg.norm(error(field="map") - unfelt) < 0.1 * felt
-
-
-def test_the_navigator_takes_horizontal_gravity_for_as_wrong_as_the_matcher_finds_the_map():
-    """What is left of it is half of the disturbance's variance; the second run's matcher says
-    nothing, and its navigator goes on as it was."""
-    it = scenario(map_sigma="auto").model_copy(update={"gravity": Gravity(field="map")})
-    spread = {}
-    for sigma in (None, 2e-5, 3e-4):
-        error = None if sigma is None else (sigma, 4e3)
-        fixes = iter(range(99))
-
-        def answer(batch, error=error, fixes=fixes):
-            fix = declined(batch, "nothing")
-            return replace(fix, map_error=error) if next(fixes) < 4 else fix
-
-        spread[sigma] = simulate(it, [0, 1], MAP, Scripted(answer)).covariance[:, -1, 0, 0]
-    assert spread[2e-5] == pytest.approx(spread[None], rel=1e-3)  # what is assumed untold
-    assert spread[3e-4][1] == spread[None][1]
-    # position, velocity, gravity of one component, until the end and from the first batch end on
-    speed = float(np.hypot(*build_trajectory(it).velocity[0, :2]))
-    kept = np.exp(-speed / 4e3)
-    step, P = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, kept]]), np.zeros((3, 3))
-    for _ in range(450):
-        P = step @ P @ step.T
-        P[2, 2] += 0.5 * ((3e-4) ** 2 - (2e-5) ** 2) * (1.0 - kept**2)
-    more = spread[3e-4][0] - spread[None][0]
-    assert np.sqrt(more) == pytest.approx(np.sqrt(P[0, 0]), rel=0.1)
 
 
 @pytest.mark.slow
