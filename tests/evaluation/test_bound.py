@@ -174,12 +174,8 @@ def test_readings_without_gradient_or_off_the_map_tell_nothing():
     np.testing.assert_array_equal(bound(elsewhere, **settings).covariance, unaided)
 
 
-def test_worse_sensors_and_maps_give_larger_bounds():
+def test_a_delay_that_is_not_told_costs_the_more_the_longer_it_may_be():
     good, unaided = rms(), rms(None)
-    assert good < rms(gravimeter={"sigma": 1e-4})
-    assert good < rms(gravimeter={"outlier_fraction": 0.05})
-    assert good < rms(map_error={"sigma": 3e-5}) < rms(map_error={"sigma": 8e-5})
-    assert good < rms(initial_error={"position": 500.0})
     clock, late = (rms(gravimeter={"delay_sigma": sigma}) for sigma in (2.0, 20.0))
     assert 1.02 * good < clock < late < unaided
 

@@ -15,7 +15,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.summary import summarise
-from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, Information, declined
+from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
 from isogal.montecarlo.engine import simulate
 from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
 from isogal.sensors.imu import simulate_imu
@@ -207,18 +207,6 @@ def test_a_position_fix_is_weighted_by_its_covariance():
     np.testing.assert_allclose(vague.error, vague.unaided_error, atol=0.5)
 
 
-def test_information_is_used_instead_of_the_position():
-    """A fix with information is used by that, wherever its position says it is."""
-    it = scenario(duration=150.0)
-    M = np.diag([1.0, 1.0, 0.0, 0.0]) / 10.0**2
-    shift = np.array([30.0, -20.0, 0.0, 0.0])  # the error it finds
-    told = {"information": Information(M @ shift, M)}
-    runs = simulate(it, [0], MAP, Scripted(lambda batch: at(batch, 0.0, 0.0, 1.0, **told)))
-    before = simulate(it, [0], MAP, Scripted(nothing))
-    moved = (runs.error - before.error)[0, -1]
-    np.testing.assert_allclose(moved, -shift[:2], rtol=0.02)
-
-
 def test_a_reset_widens_even_without_a_fix():
     it = scenario(duration=300.0)
     scripted = Scripted(lambda batch: replace(nothing(batch), reset=batch.time[-1] == 150.0))
@@ -260,23 +248,6 @@ def test_gravity_that_is_felt_and_not_known_of_spoils_the_unaided_ins():
     felt = np.linalg.norm(error(field="map", compensation="none") - unfelt)
     assert felt > 1.0
     assert np.linalg.norm(error(field="map") - unfelt) < 0.1 * felt
-
-
-@pytest.mark.slow
-def test_smoothed_states_are_as_good_as_they_say():
-    """Of ten runs of half an hour. 1800 s are some three independent errors of two axes: the mean
-    of the NEES is of about 60 values, and beyond 0.5 to 1.7 once in 1000 studies."""
-    it = scenario(duration=1800.0, stride=5)
-    found = simulate(it, range(10), MAP, lag=np.inf)
-    states = found.smoothed
-    assert states is not None
-    nees = nees_per_axis(states.error, states.covariance)
-    assert 0.5 < nees.mean() < 1.7
-    settled = found.elapsed > 300.0
-    then, later = found.horizontal_error[:, settled], states.horizontal_error[:, settled]
-    assert np.sqrt(np.mean(later**2)) < 0.8 * np.sqrt(np.mean(then**2))
-    np.testing.assert_allclose(states.error[:, -1], found.error[:, -1], atol=1e-6)
-    np.testing.assert_allclose(states.covariance[:, -1], found.covariance[:, -1], rtol=1e-9)
 
 
 def test_a_fixed_lag_lies_between_nothing_and_all():

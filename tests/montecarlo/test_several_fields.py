@@ -9,7 +9,6 @@ import pytest
 from helpers.batches import field_map_of, wavy
 from helpers.command_line import answer, refusal
 from helpers.navigators import ROUTE
-from helpers.studies import same_runs
 from isogal.evaluation.figures import style
 from isogal.maps.several import FieldMaps
 from isogal.montecarlo.engine import simulate
@@ -53,13 +52,6 @@ def gravity():
 @pytest.fixture(scope="module")
 def two():
     return ran(GRAVITY, MAGNETIC)
-
-
-def test_a_list_of_one_is_bit_equal_to_its_keys(gravity):
-    listed = scenario(GRAVITY)
-    (alone,) = listed.each_field
-    assert alone.fields is None
-    same_runs(gravity, simulate(alone, range(2), GRAVITY_MAP))
 
 
 def test_each_field_has_its_own_rate(two):
