@@ -72,5 +72,3 @@ def test_smoothed_states_are_saved_and_joined(make_runs, tmp_path):
     whole.save(tmp_path / "chunk.npz")
     assert_equal(Runs.load(tmp_path / "chunk.npz"), whole)
     assert_equal(Runs.concatenate([whole.part(range(2)), whole.part(range(2, 5))]), whole)
-    with pytest.raises(ValueError, match="not can"):
-        Runs.concatenate([whole.part([0]), runs.part([1])])

@@ -165,8 +165,6 @@ class Runs:
         for name in _SHARED:
             if not all(np.array_equal(getattr(first, name), getattr(p, name)) for p in parts):
                 raise ValueError(f"runs of different scenarios cannot be joined: {name} differs")
-        if len({part.smoothed_error is None for part in parts}) > 1:
-            raise ValueError("runs that were smoothed and runs that were not cannot be joined")
         per_run = (name for name, _ in _arrays(first) if name not in _SHARED)
         joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in per_run}
         return replace(first, **joined, detail=first.detail)

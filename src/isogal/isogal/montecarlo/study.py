@@ -77,6 +77,6 @@ def compute_cases(
             for job, runs in finished:
                 store.put(job, runs)
                 kept += 1
-                display.finished(job)
+                display.computed(job)
     except KeyboardInterrupt:
         raise Interrupted(kept, total) from None
