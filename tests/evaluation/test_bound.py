@@ -8,13 +8,14 @@ from scipy.linalg import expm
 from helpers.route_maps import field, tilted, waves
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import BoundResult, posterior_cramer_rao, unaided_covariance
-from isogal.evaluation.ins_error_model import divide, initial_covariance, noise_density
+from isogal.evaluation.ins_error_model import divide, initial_covariance
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.inertial.error_model import STATES, fill_dynamics
 from isogal.scenario import Gravimeter, validate_scenario
 from isogal.sensors.gravimeter_errors import missing
+from isogal.sensors.imu_model import noise_density
 from isogal.sensors.noise import RunScans
 from isogal.sensors.trajectory import build_trajectory
 
@@ -49,7 +50,7 @@ def _dense(settings, trajectory, gradient, quantisation, scan=-1):
     so it has nothing in common with the recursion."""
     segments = divide(trajectory, settings.steps_per_scan)
     reduction = measured_field(settings).reduction(settings)
-    density = noise_density(settings.imu)
+    density = np.square(noise_density(settings.imu.sensors, 1.0 / settings.imu.rate))
     P = initial_covariance(settings.initial_error, settings.imu.sensors)
     blocks, crosses, scans = [], [], []
     F = np.zeros((STATES, STATES))

@@ -15,7 +15,6 @@ from isogal.earth.gravity import normal_gravity
 from isogal.evaluation.ins_error_model import (
     Segments,
     initial_covariance,
-    noise_density,
     transitions,
 )
 from isogal.evaluation.planning.lattice import Lattice
@@ -103,7 +102,7 @@ class Edges:
             dt,
             1,
         )
-        steps = transitions(segments, noise_density(self._truth.imu), self._states)
+        steps = transitions(segments, self._truth.imu, self._states)
         transition, half = (np.array(each) for each in zip(*steps, strict=True))
         of_map = half[:, _MAP, _MAP].copy()  # of a variance of one
         h = np.zeros(P.shape[:2])
