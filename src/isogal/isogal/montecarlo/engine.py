@@ -146,7 +146,8 @@ class Simulation:
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
         truth = scenario.true
-        self._delay = truth.longest_delay
+        self._delay = max((one.delay for one in truth.aids), default=0.0)
+        """By how much measurements may come late, s."""
         self._known = known_gravity(scenario.gravity_field, trajectory)
         sensed = sensed_gravity(truth.gravity_field, trajectory, runs)
         self._imu = simulate_imu(truth, trajectory, runs, sensed)
