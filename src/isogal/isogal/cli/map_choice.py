@@ -112,6 +112,16 @@ class MapChoice(SourceOptions):
         read = partial(self.load, measured=measured)
         return GivenMap(settings.map.model_copy(update=named), None, read=read)
 
+    def load_part(
+        self, part: "Window | Corridor | None", measured: str = "gravity"
+    ) -> "ScalarMap":
+        """Read the map, a window of it, or what lies along a route; see `load`."""
+        from isogal.maps.corridor import Corridor
+
+        if isinstance(part, Corridor):
+            return self.load_along(part, measured)
+        return self.load(part, measured)
+
     def _read(self, window: "Window | None") -> "FieldMap":
         from isogal.maps.load import load_map
 

@@ -103,15 +103,9 @@ def info(
     The expected accuracy is the bound on a fix from the readings of one stretch alone, for a
     position already known to within the linear range of the map, at route.height as in a run. The
     navigator's error (`isogal montecarlo`) is another: it adds what the INS and all fixes know."""
-    from isogal.maps.corridor import Corridor
-
     needed = map_.is_synthetic and where.window is None
     route = where.build() if needed else where.build_if_asked()
-    part, measured = where.part(route), route.measured if route else "gravity"
-    if isinstance(part, Corridor):
-        field_map = map_.load_along(part, measured)
-    else:
-        field_map = map_.load(part, measured)
+    field_map = map_.load_part(where.part(route), route.measured if route else "gravity")
     described, track, stretches, along = describe_map(field_map), None, None, None
     if route is not None:
         track, stretches, along = _along(map_, field_map, route, where.margin, assumed)
