@@ -15,7 +15,7 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.evaluation.bound import condition
-from isogal.evaluation.ins_error_model import divide, noise_density, transitions
+from isogal.evaluation.ins_error_model import divide, transitions
 from isogal.fusion.alignment import COARSE, SHORTEST, UNKNOWN, Alignment
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.coarse import UNKNOWN_TILT, north_sigma
@@ -140,7 +140,7 @@ def bound(scenario: Scenario, trajectory: Trajectory) -> Array:
     segments = divide(trajectory, scenario.steps_per_scan)
     P, first = _start(model, trajectory, at_rest)
     result = np.full(len(trajectory), UNKNOWN)
-    pairs = transitions(segments, noise_density(scenario.imu), model.auxiliary)
+    pairs = transitions(segments, scenario.imu, model.auxiliary)
     for k, (transition, half) in enumerate(pairs):
         if at_rest and north_sigma(model, trajectory.latitude[0]) > COARSE and k + 1 >= SHORTEST:
             result[k] = math.sqrt(_rested(model, trajectory, k + 1.0)[8, 8])

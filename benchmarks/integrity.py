@@ -29,7 +29,16 @@ from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.figures import style
 from isogal.evaluation.figures.stanford import stanford_figure
-from isogal.evaluation.integrity import RISKS, Rate, Solution, correlation_time, exceedances
+from isogal.evaluation.integrity import (
+    RISKS,
+    Rate,
+    correlation_time,
+    exceedances,
+    hours,
+    in_sigmas,
+    level_of,
+)
+from isogal.evaluation.records import Runs
 from isogal.files import write_atomic
 from isogal.scenario import Integrity, Scenario
 
@@ -63,15 +72,15 @@ class Count:
     """e' P^-1 e of some states."""
 
     @classmethod
-    def of(cls, part: Solution, settings: Integrity) -> "Count":
+    def of(cls, part: Runs, settings: Integrity) -> "Count":
         """Count a part."""
-        level, some = part.level(settings), slice(None, None, THINNED)
+        level, some = level_of(part, settings), slice(None, None, THINNED)
         nees = nees_per_axis(part.error[:, some], part.covariance[:, some])
         return cls(
-            part.hours,
+            hours(part),
             {risk: exceedances(part, settings, risk).events for risk in RISKS},
             level.ravel().astype(np.float32),
-            part.sigmas(level).ravel().astype(np.float32),
+            in_sigmas(level, part).ravel().astype(np.float32),
             correlation_time(part),
             2.0 * nees[np.isfinite(nees)],
         )
@@ -109,12 +118,9 @@ def tails(squares: Array) -> tuple[float, float]:
     return float(factor), float(freedom)
 
 
-def picture(parts: Sequence[Solution], settings: Integrity) -> bytes:
+def picture(parts: Sequence[Runs], settings: Integrity) -> bytes:
     """Return the Stanford diagram of a row's first parts as PNG."""
-    error, covariance = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("error", "covariance")
-    )
-    return style.png(stanford_figure(Solution(parts[0].time, error, covariance), settings))
+    return style.png(stanford_figure(Runs.concatenate(parts), settings))
 
 
 def cell(rate: Rate, allowed: float) -> str:
@@ -124,11 +130,10 @@ def cell(rate: Rate, allowed: float) -> str:
     return f"**{text}**" if rate.verdict(allowed) == "more often" else text
 
 
-def parts_of(scenario: Scenario, runs: int, folder: Path, pool: Executor) -> Iterator[Solution]:
+def parts_of(scenario: Scenario, runs: int, folder: Path, pool: Executor) -> Iterator[Runs]:
     """Yield so many runs of a scenario in parts; those in the folder are not computed again."""
     ranges, paths = zip(*closed_loop.parts_of(scenario, runs, folder / "parts"), strict=True)
-    for record in pool.map(partial(closed_loop.some_runs, scenario), ranges, paths):
-        yield Solution.of(record)
+    yield from pool.map(partial(closed_loop.some_runs, scenario), ranges, paths)
 
 
 def cases(options: argparse.Namespace) -> Iterator[mismatch.Case]:

@@ -7,7 +7,6 @@ from helpers.batches import field_map_of, wavy
 from helpers.navigators import ROUTE, start_of
 from isogal.errors import InputError
 from isogal.fix import Fix
-from isogal.fusion.measurements import PositionFix
 from isogal.montecarlo.engine import Simulation, simulate
 from isogal.navigator import Navigator
 from isogal.scenario import Gravimeter, Gravity, InitialError, Matcher, Scenario
@@ -67,16 +66,6 @@ def test_fixes_that_come_late_end_where_those_in_time_do() -> None:
     apart = np.abs(in_time - late) * 6.36e6
     assert apart[-12:-1].max() < apart[:-12].max()
     assert apart[-2].max() < 30.0
-
-
-def test_a_measurement_of_the_future_is_refused_and_aids_may_be_of_any_kind() -> None:
-    trajectory = build_trajectory(SCENARIO)
-    navigator = Navigator(SCENARIO, [MAP], start_of(SCENARIO, trajectory))
-    truth = trajectory.latitude[0], trajectory.longitude[0]
-    assert navigator.measure(0.0, PositionFix(*truth, 25.0 * np.eye(2))).used
-    assert np.sqrt(navigator.state.covariance[0, 0]) == pytest.approx(5.0, rel=0.01)
-    assert not navigator.measure(5.0, PositionFix(*truth, np.eye(2))).used
-    assert navigator.fix() is None
 
 
 def test_a_start_in_degrees_is_refused():

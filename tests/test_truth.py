@@ -1,12 +1,11 @@
 """The section `truth` of a scenario: what really is, apart from what is assumed."""
 
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from isogal.errors import InputError
-from isogal.scenario import Assumed, Scenario, Truth, load_scenario, truth_of, validate_scenario
+from isogal.scenario import Assumed, Scenario, Truth, load_scenario, truth_of
 from isogal.scenario.aids import HeadingAid, HeightAid, PositionAid, VelocityAid
 from isogal.scenario.truth import SECTIONS, SHARED
 
@@ -54,17 +53,6 @@ def test_a_whole_section_may_be_a_multiple():
     assert it.true.gravimeter.bias == pytest.approx(4e-5)
     assert it.true.gravimeter.drift == 0.0
     assert it.true.gravimeter.outlier_sigma == it.gravimeter.outlier_sigma
-
-
-def test_a_file_keeps_it(tmp_path):
-    path = tmp_path / "s.yaml"
-    path.write_text("truth:\n  gravimeter: {sigma: 3x}\n  imu: {grade: quantum}\n")
-    it = load_scenario(path, ["truth.gravimeter.bias=1e-5"])
-    assert it.true.gravimeter.sigma == pytest.approx(3e-5)
-    assert (it.true.gravimeter.bias, it.true.imu.grade) == (1e-5, "quantum")
-    document = yaml.safe_load(yaml.safe_dump(it.model_dump(mode="json")))
-    assert validate_scenario(document) == it
-    assert validate_scenario(document).true == it.true
 
 
 @pytest.mark.parametrize(("override", "message"), [

@@ -48,7 +48,6 @@ def _make(runs=3, states=121, step=60.0, batches=24, scale=50.0, seed=1, detail=
             + 1e-4 * random.standard_normal(candidates),
             candidate_weight=random.uniform(0.0, 1.0, candidates),
             candidate_batch=batch,
-            candidate_scan=np.tile(np.arange(15), batches),
         )
     return Runs(**(values | changes))
 

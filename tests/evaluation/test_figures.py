@@ -16,7 +16,6 @@ from isogal.evaluation.figures.errors import error_figure, nees_figure
 from isogal.evaluation.figures.signal import signal_figure
 from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
-from isogal.evaluation.integrity import Solution
 from isogal.scenario import Integrity
 
 
@@ -33,7 +32,7 @@ def all_figures(runs):
         "track": track_figure(runs, field()),
         "errors": error_figure(runs),
         "nees": nees_figure(runs),
-        "stanford": stanford_figure(Solution.of(runs), Integrity(alert_limit=400.0)),
+        "stanford": stanford_figure(runs, Integrity(alert_limit=400.0)),
         "ensemble": ensemble_figure(runs, np.full(runs.time.size, 30.0)),
     }
     if runs.detail is not None:

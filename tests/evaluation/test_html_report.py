@@ -84,10 +84,10 @@ def test_the_page_is_whole_and_refers_to_nothing_outside(make_runs, tmp_path):
 def test_text_is_escaped(tmp_path):
     nasty = '<script>alert(1)</script> & "quotes" {{ 7 * 7 }}'
     table = Table(nasty, (nasty,), [(nasty,)])
-    section = Section(nasty, [nasty], tables=[table], listing=nasty, listing_title=nasty)
+    section = Section(nasty, [nasty], tables=[table], listing=nasty)
     text = write_report(tmp_path, nasty, [section], subtitle=nasty).read_text(encoding="utf-8")
     assert "<script" not in text and "49" not in text
-    assert Page(text).text.count("alert(1)") >= 7
+    assert Page(text).text.count("alert(1)") >= 6
 
 
 EVERY_RUN = {"track", "north_east_error", "nees", "position_error", "stanford"}

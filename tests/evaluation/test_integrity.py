@@ -9,7 +9,6 @@ import pytest
 from isogal.evaluation.integrity import (
     RISKS,
     Rate,
-    Solution,
     correlation_time,
     excursions,
     integrity,
@@ -96,9 +95,9 @@ def test_the_correlation_time_is_measured(make_runs):
     factor = np.array([[30.0, 0.0], [-20.0, 10.0]])
     covariance = np.broadcast_to(factor @ factor.T, (1000, states, 2, 2))
     error, time = white @ factor.T, np.arange(states) * step
-    solution = Solution(time, error, covariance)
-    assert correlation_time(solution) == pytest.approx(600.0, rel=0.05)
+    runs = make_runs(runs=1000, time=time, error=error, covariance=covariance)
+    assert correlation_time(runs) == pytest.approx(600.0, rel=0.05)
     alternating = error * (-1.0) ** np.arange(states)[:, None]
-    assert math.isnan(correlation_time(replace(solution, error=alternating)))
-    short = Solution(time[:3], error[:, :3], covariance[:, :3])
+    assert math.isnan(correlation_time(replace(runs, error=alternating)))
+    short = replace(runs, time=time[:3], error=error[:, :3], covariance=covariance[:, :3])
     assert math.isnan(correlation_time(short))

@@ -69,7 +69,7 @@ class Watcher:
     def begin(self, todo: Sequence[Job], kept: int) -> None:
         self.todo, self.kept = list(todo), kept
 
-    def finished(self, job: Job) -> None:
+    def computed(self, job: Job) -> None:
         self.done.append(job)
 
     def say(self, text: str) -> None:

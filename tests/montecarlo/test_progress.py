@@ -28,7 +28,7 @@ def test_without_a_terminal_a_line_now_and_then(jobs, monkeypatch, capsys):
     with LiveProgress("study") as shown:
         shown.begin(jobs, 6)
         now += LINE_EVERY
-        shown.finished(jobs[0])
+        shown.computed(jobs[0])
         shown.say("a line")
     # 600 of 1200 s in 15 s
     assert capsys.readouterr().err.splitlines() == [
@@ -43,7 +43,7 @@ def test_on_a_terminal_a_bar(jobs, monkeypatch):
     monkeypatch.setattr("sys.stderr", terminal)
     with LiveProgress("study") as shown:
         shown.begin(jobs, 0)
-        shown.finished(jobs[0])
+        shown.computed(jobs[0])
         shown.say("a line [not markup of rich]")
     said = terminal.getvalue()
     for text in ("study", "1/2 runs", "a line [not markup of rich]"):

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from helpers.batches import field_map_of, wavy
-from isogal.errors import InputError
-from isogal.fields.scenario_map import maps_for_scenario
 from isogal.fields.simulator import recorded
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.montecarlo.engine import simulate
@@ -58,14 +56,6 @@ def test_a_map_that_ends_on_the_way_ends_the_aiding_there(tmp_path, recorded):
     assert np.isfinite(found.error).all()
     assert found.published[0, ~gone].any()
     assert not found.published[0, gone].any()
-
-
-def test_a_map_that_is_elsewhere_is_refused(tmp_path):
-    whole = field_map_of(wavy)
-    south, north, _, east = whole.extent[:4]
-    scenario = voyage(tmp_path, whole.window(south, north, np.radians(147.05), east))
-    with pytest.raises(InputError, match="does not cover the route"):
-        maps_for_scenario(scenario)
 
 
 def test_a_leg_of_a_real_ship(shared_data):

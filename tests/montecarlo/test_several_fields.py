@@ -9,7 +9,6 @@ import pytest
 from helpers.batches import field_map_of, wavy
 from helpers.command_line import answer, refusal
 from helpers.navigators import ROUTE
-from helpers.studies import same_runs
 from isogal.evaluation.figures import style
 from isogal.maps.several import FieldMaps
 from isogal.montecarlo.engine import simulate
@@ -55,13 +54,6 @@ def two():
     return ran(GRAVITY, MAGNETIC)
 
 
-def test_a_list_of_one_is_bit_equal_to_its_keys(gravity):
-    listed = scenario(GRAVITY)
-    (alone,) = listed.each_field
-    assert alone.fields is None
-    same_runs(gravity, simulate(alone, range(2), GRAVITY_MAP))
-
-
 def test_each_field_has_its_own_rate(two):
     """Twice as many readings of the magnetometer: batches end with it, scans are recorded at its
     rate, and the gravimeter's are those of its own rate."""
@@ -101,4 +93,5 @@ def test_command_line(tmp_path, monkeypatch):
     page = (out / "report.html").read_text()
     assert "gravity matching" in page
     assert "terrain matching, sigma 20 m" in page
+    assert "Figures of map and readings show the first, gravity." in page
     assert "fields: must have an entry" in refusal(*command, "--set", "fields=[]")

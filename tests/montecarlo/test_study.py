@@ -10,7 +10,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing.context import ForkServerProcess
 
-import numpy as np
 import psutil
 import pytest
 
@@ -21,7 +20,7 @@ from isogal.evaluation.bound import posterior_cramer_rao
 from isogal.evaluation.results import canonical_json
 from isogal.evaluation.summary import summarise
 from isogal.montecarlo import workers
-from isogal.montecarlo.cases import Case, Job, compute
+from isogal.montecarlo.cases import Job
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, compute_cases
 from isogal.montecarlo.workers import WorkerError, check_code
@@ -85,14 +84,6 @@ def test_no_scheduler_there(tmp_path, small_case, watcher, monkeypatch, address)
     monkeypatch.setattr(workers, "TIMEOUT", 0.5)
     with pytest.raises(InputError, match=f"--scheduler {address}: no Dask scheduler answers"):
         compute_cases([small_case], Store(tmp_path), Backend(scheduler=address), watcher)
-
-
-def test_only_what_is_new_is_computed(tmp_path, small_case, one_worker, watcher):
-    compute_cases([small_case], one_worker, Backend(workers=1), watcher)
-    assert (watcher.todo, watcher.kept) == ([], 4)
-    compute_cases([replace(small_case, runs=6)], one_worker, Backend(workers=1), watcher)
-    assert [job.run for job in watcher.todo] == [4, 5]
-    assert watcher.kept == 4
 
 
 class Killing:
@@ -161,11 +152,3 @@ def test_what_goes_wrong_in_a_worker_is_one_line_here(small_case):
     no_such_run = Job(small_case, -1)
     with pytest.raises(WorkerError, match="small, run -1: ValueError: "):
         list(workers.computed([no_such_run], Backend(workers=1).start))
-
-
-def test_unaided_runs_take_no_fix(field_map):
-    case = Case("alone", small_scenario(), 1, field_map, aided=False)
-    runs = compute(Job(case, 0).task, field_map)
-    assert not runs.published.any()
-    # but for the filter's use of the vertical accelerometer
-    assert np.abs(runs.error - runs.unaided_error).max() < 0.5

@@ -44,9 +44,7 @@ def all_outcomes(change=lambda _: {}):
 def results(outcomes, **changes):
     noise = np.random.default_rng(1).standard_normal((1, TIME.size, 2))
     rough, smooth = 20.0 * noise, np.cumsum(noise, axis=1)
-    tracks = {
-        s: Tracks(TIME, rough, smooth if s.mode == "retrodiction" else rough) for s in AIDING
-    }
+    tracks = {s: Tracks(rough, smooth if s.mode == "retrodiction" else rough) for s in AIDING}
     variability = np.where(TIME <= 3600.0, 1e-10, 4e-10)
     values: dict[str, Any] = {
         "plan": Plan(RUNS, None, 12960.0),

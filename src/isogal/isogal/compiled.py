@@ -200,13 +200,11 @@ class _KernelCache(FunctionCache):
             self._end_turn()
 
     def _save(self, sig: Any, data: Any) -> None:
-        with contextlib.suppress(
-            OSError
-        ):  # a full disk costs the next start some time, not this run
+        # a full disk costs the next start some time, not this run
+        with contextlib.suppress(OSError):
             super().save_overload(sig, data)
             name, rest = self._impl.filename_base.split("-")
+            this = f"{name}-{rest.partition('.')[0]}."  # of any Python version
             for old in Path(self.cache_path).glob(f"{name}-*.nb[ci]"):
-                if not old.name.startswith(
-                    f"{name}-{rest.partition('.')[0]}."
-                ):  # of any Python version
+                if not old.name.startswith(this):
                     old.unlink(missing_ok=True)

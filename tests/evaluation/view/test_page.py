@@ -12,7 +12,6 @@ pytest.importorskip("bokeh", reason="needs bokeh, which draws the page")
 from helpers.browser import CHROMIUM, chromium
 from helpers.studies import outcomes, small_scenario, wavy_map
 from isogal.evaluation.view.page import Frame, write_view
-from isogal.evaluation.view.projection import Projection
 from isogal.evaluation.view.record import Event, ViewedRun
 
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Debian: chromium)")
@@ -76,14 +75,6 @@ def test_a_live_page_is_complete_without_numbers(viewed):
     text = frame.page(None)
     assert ">null</script>" in text
     assert 'data-live="true"' in text
-
-
-def test_places_on_the_map_are_where_the_metres_say():
-    project = Projection.of(np.radians([-38.0, -37.0]), np.radians([179.5, 180.5]))
-    x, y = project(np.radians(-38.0), np.radians(-179.5))
-    east, north = project.stretch(np.radians(-37.5))
-    assert (x, y) == (pytest.approx(88.4, abs=0.1), 0.0)
-    assert (east, north) == (pytest.approx(1e-3), pytest.approx(1e-3))
 
 
 def place(browser, figure):

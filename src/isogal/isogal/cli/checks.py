@@ -63,6 +63,18 @@ def not_read_too(written: Iterable[Path], read: Iterable[str]) -> None:
                 )
 
 
+def place(option: str, text: str) -> tuple[float, float]:
+    """Return latitude and longitude, deg, of what an option has as ``LAT,LON``; raises
+    InputError."""
+    try:
+        latitude, longitude = (float(part) for part in text.split(","))
+    except ValueError:
+        latitude = longitude = math.nan
+    if not (-90.0 < latitude < 90.0 and -180.0 <= longitude <= 360.0):
+        raise InputError(f"{option}: '{text}' must be LATITUDE,LONGITUDE in deg, as '-38,144.5'")
+    return latitude, longitude
+
+
 def output_folder(value: Path | None) -> Path | None:
     """Return what an option names; raises InputError where no file can be written into a folder
     of that name."""

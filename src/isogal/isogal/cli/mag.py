@@ -63,10 +63,6 @@ class FlightChoice:
 
         return read_magnetic_flight(self.flight, self.base)
 
-    def main_field(self, flight: "MagneticFlight") -> "Array":
-        """Return (N,) nT the Earth's main field; raises InputError."""
-        return flight.main_field(self.epoch, self.height)
-
 
 @dataclass(frozen=True)
 class Fitting:
@@ -124,7 +120,9 @@ def calibrate(
     settings, flight = fitting.settings(), chosen.read()
     known = flight.reference
     if known is None and flight.places is not None:
-        known = _main_field_or_height(chosen, flight)
+        # where no height is known, that at zero: only its changes count
+        unknown = flight.height is None and chosen.height is None
+        known = flight.main_field(chosen.epoch, 0.0 if unknown else chosen.height)
     found = learn(flight.readings, known, settings, flight.reference is not None)
     found.compensation.write(out)
     files = [str(out)]
@@ -185,7 +183,7 @@ def compensate(
     from isogal.magnetics.flight import write_compensated
 
     flight = chosen.read()
-    main_field = chosen.main_field(flight)
+    main_field = flight.main_field(chosen.epoch, chosen.height)
     own = vehicle.own_field(flight, main_field)
     total = flight.readings.total - own
     write_compensated(out, flight, total, total - main_field)
@@ -198,11 +196,3 @@ def compensate(
     }
     line = f"{count} readings, the vehicle's field from {least:.1f} to {most:.1f} nT"
     print_result(found, json, line, str(out))
-
-
-def _main_field_or_height(chosen: FlightChoice, flight: "MagneticFlight") -> "Array":
-    """Return the main field; where no height is known, that at zero, because only its changes
-    count in a calibration."""
-    if flight.height is None and chosen.height is None:
-        return flight.main_field(chosen.epoch, 0.0)
-    return chosen.main_field(flight)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import typer
 
 from isogal.cli.options import text
-from isogal.cli.progress import Bars
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
@@ -92,6 +91,7 @@ class MapChoice(SourceOptions):
     def load_along(self, corridor: "Corridor", measured: str = "gravity") -> "ScalarMap":
         """Read the map along a route, in parts if it is large; see `load`."""
         if self.is_synthetic:
+            from isogal.cli.progress import Bars
             from isogal.maps.synthetic.synthetic_map import synthetic_map_along
 
             with Bars("tiles") as bars:
@@ -149,6 +149,7 @@ class MapChoice(SourceOptions):
 def make_synthetic(quantity: str, window: "Window") -> "FieldMap":
     """Make the synthetic map of a quantity with a bar that shows how far it is; raises
     InputError."""
+    from isogal.cli.progress import Bars
     from isogal.maps.synthetic.synthetic_map import synthetic_map
 
     with Bars("tiles") as bars:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from isogal.cli.checks import positive
+from isogal.cli.checks import place, positive
 from isogal.cli.map_choice import MapOption
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import RESULTS, Json, ScenarioChoice, number, text, written_file
@@ -52,8 +52,11 @@ class Asked:
         from isogal.evaluation.planning.planner import RouteRequest
 
         areas = tuple(area for path in self.no_go or () for area in read_areas(path))
-        ends = _place("--from", self.start), _place("--to", self.goal)
-        return RouteRequest(*ends, self.detour, self.ceiling, areas)
+        start, goal = (
+            (math.radians(latitude), math.radians(longitude))
+            for latitude, longitude in (place("--from", self.start), place("--to", self.goal))
+        )
+        return RouteRequest(start, goal, self.detour, self.ceiling, areas)
 
 
 @dataclass(frozen=True)
@@ -111,16 +114,6 @@ def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanRes
             truth, field_map, request, lambda done, total: bars("columns", done, total)
         )
     results.write(found)
-
-
-def _place(option: str, text: str) -> tuple[float, float]:
-    try:
-        latitude, longitude = (float(part) for part in text.split(","))
-    except ValueError:
-        latitude = longitude = math.nan
-    if not (-90.0 < latitude < 90.0 and -180.0 <= longitude <= 360.0):
-        raise InputError(f"{option} '{text}': must be LATITUDE,LONGITUDE in deg")
-    return math.radians(latitude), math.radians(longitude)
 
 
 def _around(request: "RouteRequest") -> "Window":

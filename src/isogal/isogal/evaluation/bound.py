@@ -33,7 +33,6 @@ from isogal.evaluation.ins_error_model import (
     Segments,
     divide,
     initial_covariance,
-    noise_density,
     transitions,
 )
 from isogal.evaluation.reading_errors import (
@@ -67,6 +66,7 @@ from isogal.scenario import (
     Gnss,
     Gravimeter,
     HeadingAid,
+    Imu,
     MapError,
     PositionAid,
     Truth,
@@ -139,8 +139,7 @@ class BoundModel:
     the filter's auxiliary ones, and the slow errors of each field's readings."""
 
     segments: Segments
-    density: Array
-    """(6,) of the white noise of the inertial sensors."""
+    imu: Imu
     states: tuple[AuxiliaryState, ...]
     """The auxiliary ones and all after them."""
     start: Array
@@ -157,7 +156,7 @@ class BoundModel:
         covariance goes over it as T (P + q) T' + r (`isogal.evaluation.ins_error_model`).
 
         At a scan, map errors that do so go on together (`MapSteps`)."""
-        pairs = transitions(self.segments, self.density, self.states)
+        pairs = transitions(self.segments, self.imu, self.states)
         for stretch, (transition, half) in enumerate(pairs, 1):
             for at, followed in self.lags:
                 transition[at, followed] = 1.0 - transition[at, at]
@@ -468,7 +467,7 @@ def linear_model(
         first = last + 1
     return BoundModel(
         segments,
-        noise_density(truth.imu),
+        truth.imu,
         tuple(states),
         initial_covariance(truth.initial_error, truth.imu.sensors, states),
         tuple(measurements),

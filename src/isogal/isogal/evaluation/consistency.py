@@ -6,8 +6,6 @@ Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navig
 as many degrees of freedom as e has components. Divided by that number its mean is 1; above 1 the
 filter is overconfident."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -108,34 +106,20 @@ def effective_samples(values: ArrayLike) -> float:
     return float(max(count / tau, runs))
 
 
-def mean_nees(values: ArrayLike, confidence: float = 0.95) -> tuple[float, tuple[float, float]]:
+def mean_nees(values: ArrayLike) -> tuple[float, tuple[float, float]]:
     """Return the mean of (R, B) NEES values per axis of two axes, NaN left out, and the chi-square
-    interval that it lies in for a consistent estimator; NaN where there is no value."""
+    interval of 95 % that it lies in for a consistent estimator; NaN where there is no value."""
     values = np.atleast_2d(np.asarray(values, dtype=np.float64))
     known = ~np.isnan(values)
     if not known.any():
         return np.nan, (np.nan, np.nan)
     independent = effective_samples(values)
-    return float(values[known].mean()), chi_square_interval(independent, 2, confidence)
+    return float(values[known].mean()), chi_square_interval(independent)
 
 
-class SpreadTest(NamedTuple):
-    """Whether the spread of many runs agrees with one covariance at several instants."""
-
-    nees: Array
-    """(K,) mean over runs of e' P^-1 e / axes."""
-    interval: tuple[float, float]
-    """The interval that all K together stay in with at least the confidence asked for
-    (Bonferroni)."""
-
-    @property
-    def consistent(self) -> bool:
-        """Whether all instants lie in the interval."""
-        low, high = self.interval
-        return bool(np.all((self.nees >= low) & (self.nees <= high)))
-
-
-def spread_test(error: ArrayLike, covariance: ArrayLike, confidence: float = 0.95) -> SpreadTest:
+def spread_test(
+    error: ArrayLike, covariance: ArrayLike, confidence: float = 0.95
+) -> tuple[Array, tuple[float, float], bool]:
     """Compare the errors of R independent runs with the covariance that a filter (or the bound's
     recursion) claims.
 
@@ -151,8 +135,14 @@ def spread_test(error: ArrayLike, covariance: ArrayLike, confidence: float = 0.9
         Their covariance as claimed.
     confidence : float
         Probability that a consistent filter passes, at least.
+
+    Returns
+    -------
+    (K,) array, pair of float, bool
+        Mean over runs of e' P^-1 e / n; the interval that all K together stay in with at least
+        that confidence (Bonferroni); and whether they do.
     """
     runs, instants, axes = np.shape(error)
-    values = nees_per_axis(error, covariance).mean(axis=0)
-    confidence = 1.0 - (1.0 - confidence) / instants
-    return SpreadTest(np.asarray(values), chi_square_interval(runs, axes, confidence))
+    values = np.asarray(nees_per_axis(error, covariance).mean(axis=0))
+    low, high = chi_square_interval(runs, axes, 1.0 - (1.0 - confidence) / instants)
+    return values, (low, high), bool(np.all((values >= low) & (values <= high)))

@@ -61,8 +61,7 @@ class Section:
     illustrations: Sequence[Illustration] = ()
     tables: Sequence[Table] = ()
     listing: str = ""
-    """Text to be shown as it is, folded."""
-    listing_title: str = "Details"
+    """All settings, to be shown as they are, folded."""
 
 
 def number(value: float | None, digits: int = 3) -> str:

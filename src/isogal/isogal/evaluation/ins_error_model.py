@@ -10,10 +10,10 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import radii
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.inertial.error_model import STATES, fill_dynamics
+from isogal.inertial.error_state import batch_covariance
 from isogal.inertial.rotations import matrix
 from isogal.scenario import Imu, ImuErrors, InitialError
-from isogal.sensors.imu_model import bias_sigma
-from isogal.sensors.imu_model import noise_density as imu_noise_density
+from isogal.sensors.imu_model import bias_sigma, noise_density
 from isogal.sensors.trajectory import Trajectory
 
 LONGEST = 1.0
@@ -86,23 +86,9 @@ def initial_covariance(
 ) -> Array:
     """Return the covariance (13 + M, 13 + M) of the error at the start: initial errors, biases of
     the IMU, and auxiliary states."""
-    start = [
-        sigma.position,
-        sigma.position,
-        sigma.velocity,
-        sigma.velocity,
-        sigma.tilt,
-        sigma.tilt,
-        sigma.heading,
-    ]
-    more = [state.sigma for state in auxiliary]
-    return np.diag(np.square([*start, *bias_sigma(sensors), *more]))
-
-
-def noise_density(imu: Imu) -> Array:
-    """Return power spectral densities (6,) per body axis: accelerometers (m²/s³), then gyroscopes
-    (rad²/s)."""
-    return np.square(imu_noise_density(imu.sensors, 1.0 / imu.rate))
+    start = batch_covariance(sigma.position, sigma.velocity, sigma.tilt, sigma.heading)
+    more = np.square([*bias_sigma(sensors), *(state.sigma for state in auxiliary)])
+    return np.diag([*np.diag(start), *more])
 
 
 def ageing(segments: Segments, states: Sequence[AuxiliaryState]) -> tuple[Array, Array]:
@@ -129,13 +115,14 @@ def ageing(segments: Segments, states: Sequence[AuxiliaryState]) -> tuple[Array,
 
 
 def transitions(
-    segments: Segments, density: Array, states: Sequence[AuxiliaryState]
+    segments: Segments, imu: Imu, states: Sequence[AuxiliaryState]
 ) -> Iterator[tuple[Array, Array]]:
     """Yield transition and half of the process noise, (13 + M, 13 + M) each, of one stretch after
     the other, for the navigator's errors and auxiliary states.
 
     A covariance goes over a stretch as T (P + q) T' + q: the trapezoid rule, by which half of the
-    noise enters at either end. `density` (6,) is what `noise_density` returns."""
+    noise enters at either end."""
+    density = np.square(noise_density(imu.sensors, 1.0 / imu.rate))
     correlation, half_noise = ageing(segments, states)
     for first in range(0, len(correlation), _TOGETHER):
         part = slice(first, first + _TOGETHER)

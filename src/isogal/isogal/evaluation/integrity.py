@@ -52,88 +52,69 @@ class Rate:
         return {"events": self.events, "rate": self.per_hour, "interval": list(self.interval)}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Solution:
-    """Horizontal errors of R runs at K states, and what the navigator claims of them."""
+def hours(runs: Runs) -> float:
+    """Return the time of all runs together, h."""
+    return len(runs) * float(runs.elapsed[-1]) / HOUR
 
-    time: Array
-    """(K,) s."""
-    error: Array
-    """(R, K, 2) m; NaN = none, which no level holds."""
-    covariance: Array
-    """(R, K, 2, 2) m²."""
 
-    @staticmethod
-    def of(runs: Runs) -> "Solution":
-        """Return the aided navigator's."""
-        return Solution(runs.time, runs.error, runs.covariance)
+def level_of(runs: Runs, settings: Integrity, risk: float | None = None) -> Array:
+    """Return the protection level (R, K) m of the aided navigator at a risk per hour, default the
+    settings'."""
+    return protection_level(runs.covariance, risk or settings.risk, settings.correlation_time)
 
-    @property
-    def distance(self) -> Array:
-        """(R, K) m, length of the error."""
-        return cast(Array, np.hypot(self.error[..., 0], self.error[..., 1]))
 
-    @property
-    def hours(self) -> float:
-        """Time of all runs together, h."""
-        return self.error.shape[0] * float(self.time[-1] - self.time[0]) / HOUR
+def in_sigmas(level: Array, runs: Runs) -> Array:
+    """Return a level (R, K) m in units of the claimed 1-sigma along the major axis."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return cast(Array, level / axes(runs.covariance)[0])
 
-    def level(self, settings: Integrity, risk: float | None = None) -> Array:
-        """Return the protection level (R, K) m at a risk per hour, default the settings'."""
-        return protection_level(self.covariance, risk or settings.risk, settings.correlation_time)
 
-    def sigmas(self, level: Array) -> Array:
-        """Return a level (R, K) m in units of the claimed 1-sigma along the major axis."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return cast(Array, level / axes(self.covariance)[0])
-
-    def rate(self, outside: Booleans, settings: Integrity) -> Rate:
-        """Return how often something is outside (R, K)."""
-        count = excursions(outside, self.time, settings.correlation_time).sum()
-        return Rate(int(count), self.hours)
+def rate_of(outside: Booleans, runs: Runs, settings: Integrity) -> Rate:
+    """Return how often something is outside (R, K)."""
+    count = excursions(outside, runs.time, settings.correlation_time).sum()
+    return Rate(int(count), hours(runs))
 
 
 def integrity(runs: Runs, settings: Integrity) -> IntegritySummary:
     """Return `integrity` of results.json, with the exceedances of the level at each of `RISKS` and
     at the scenario's own risk."""
-    solution = Solution.of(runs)
-    level = solution.level(settings)
-    rates = {risk: exceedances(solution, settings, risk) for risk in (*RISKS, settings.risk)}
+    level = level_of(runs, settings)
+    rates = {risk: exceedances(runs, settings, risk) for risk in (*RISKS, settings.risk)}
     return {
         "risk": settings.risk,
-        "run_hours": solution.hours,
+        "run_hours": hours(runs),
         "correlation_time": {
             "assumed": settings.correlation_time,
-            "measured": finite(correlation_time(solution)),
+            "measured": finite(correlation_time(runs)),
         },
         "level": {
             "median": finite(np.median(level)),
-            "median_sigmas": finite(np.median(solution.sigmas(level))),
+            "median_sigmas": finite(np.median(in_sigmas(level, runs))),
         },
         "exceedances": [
             {"risk": risk, **rate.figures(), "verdict": rate.verdict(risk)}
             for risk, rate in rates.items()
         ],
-        "alert_limit": _alerts(solution, settings, level),
+        "alert_limit": _alerts(runs, settings, level),
     }
 
 
-def exceedances(solution: Solution, settings: Integrity, risk: float) -> Rate:
+def exceedances(runs: Runs, settings: Integrity, risk: float) -> Rate:
     """Return how often the error exceeds the protection level at a risk per hour."""
-    outside = ~(solution.distance <= solution.level(settings, risk))
-    return solution.rate(outside, settings)
+    outside = ~(runs.horizontal_error <= level_of(runs, settings, risk))
+    return rate_of(outside, runs, settings)
 
 
-def _alerts(solution: Solution, settings: Integrity, level: Array) -> Alerts | None:
+def _alerts(runs: Runs, settings: Integrity, level: Array) -> Alerts | None:
     limit = settings.alert_limit
     if limit is None:
         return None
     available = level <= limit
-    hazardous = solution.rate(available & ~(solution.distance <= limit), settings)
+    beyond = available & ~(runs.horizontal_error <= limit)
     return {
         "limit": limit,
         "available": float(available.mean()),
-        "hazardous": hazardous.figures(),
+        "hazardous": rate_of(beyond, runs, settings).figures(),
     }
 
 
@@ -169,11 +150,11 @@ def poisson_interval(events: int) -> tuple[float, float]:
     return low, float(gammaincinv(events + 1, 1.0 - tail))
 
 
-def correlation_time(solution: Solution) -> float:
+def correlation_time(runs: Runs) -> float:
     """Return the time (s) T of the exponential exp(-lag / T) that the autocorrelation of the
     error, in units of its claimed covariance, reaches at `LAG`, for states at even steps; NaN
     where there is none."""
-    time, error, covariance = solution.time, solution.error, solution.covariance
+    time, error, covariance = runs.time, runs.error, runs.covariance
     step = float(np.median(np.diff(time))) if time.size > 1 else math.inf
     steps = round(LAG / step)
     if not 0 < steps < time.size:

@@ -3,7 +3,7 @@ without aiding, and is its error what the navigator claims?"""
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Booleans
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.records import Runs
 
@@ -40,11 +40,6 @@ def judge(runs: Runs, diverged: Booleans) -> dict[str, Booleans]:
         "overconfident": overconfident,
         "diverged": diverged,
     }
-
-
-def all_scans_nees(runs: Runs) -> Array:
-    """Return (R, K - 1) NEES per axis of the navigator at every recorded state but the start."""
-    return nees_per_axis(runs.error[:, 1:], runs.covariance[:, 1:])
 
 
 def _better_than_unaided(runs: Runs) -> Booleans:

@@ -12,10 +12,9 @@ from isogal.fields.beams import Footprints
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.maps.error_model import Chain, chained, decay, shares
 from isogal.maps.tiled_map import ScalarMap
+from isogal.matching.reading_noise import noise_states
 from isogal.scenario import Altimeter, Gradiometer, Gravimeter, MapError
 from isogal.sensors.gradiometer import EOTVOS, tilt_effect
-from isogal.sensors.gravimeter_errors import accelerations
-from isogal.sensors.platform import mean_error
 from isogal.sensors.trajectory import Trajectory
 
 _BEFORE = 4
@@ -56,25 +55,14 @@ class MapSteps(NamedTuple):
     """(U, C) how much of each is in the channels."""
 
 
-class BeamChannels(NamedTuple):
-    """The beams of an altimeter, turned into B channels whose map errors are independent."""
-
-    sensitivity: Array
-    """(S, B, 4) d(reading)/d(navigator's error)."""
-    map_variance: Array
-    """(B,) of the map's error in each, in units of that of one beam."""
-    common: Array
-    """(B,) how much of what all beams have in common is in each: tide, height."""
-
-
 def beam_channels(
     altimeter: Altimeter,
     trajectory: Trajectory,
     field_map: ScalarMap,
     scans: Integers,
     correlation_length: float,
-) -> BeamChannels:
-    """Return the channels of an altimeter.
+) -> tuple[Array, Array, Array]:
+    """Return the beams of an altimeter, turned into B channels whose map errors are independent.
 
     The map's errors under the beams are taken to be correlated as they are where the clearance is
     its mean, and from scan to scan as under one beam; the scale of the ranges is taken to be
@@ -90,6 +78,12 @@ def beam_channels(
         Of each scan in the trajectory.
     correlation_length : float
         m, of the map's error.
+
+    Returns
+    -------
+    (S, B, 4), (B,) and (B,) arrays
+        d(reading)/d(navigator's error); the map's error in each channel, as a variance in units of
+        that of one beam; and how much of what all beams have in common is in each: tide, height.
     """
     foot = Footprints(altimeter, trajectory, field_map, scans)
     _, north, east = field_map.value_and_gradient(*foot.places(foot.range))
@@ -99,7 +93,7 @@ def beam_channels(
     sensitivity = np.zeros((*foot.range.shape, 4))
     sensitivity[..., 0] = -np.einsum("bc,sb->sc", turn, north)
     sensitivity[..., 1] = -np.einsum("bc,sb->sc", turn, east)
-    return BeamChannels(sensitivity, np.maximum(values, 0.0), turn.sum(axis=0))
+    return sensitivity, np.maximum(values, 0.0), turn.sum(axis=0)
 
 
 def gravimeter_errors(
@@ -114,23 +108,12 @@ def gravimeter_errors(
     index : (S,) array
         Of each scan in the trajectory.
     """
-    found, always = [], np.ones((len(index), 1))
     before = np.concatenate([[0], index])
     time, velocity = trajectory.time[before], trajectory.velocity[before, :2]
-    if (sigma := settings.correlated_sigma) > 0.0:
-        found.append(SlowError.of("noise", sigma, always, time=settings.correlation_time))
-    if (sigma := settings.cross_coupling) > 0.0:
-        moving = accelerations(time, velocity)[1:]
-        found += [SlowError.of("coupling", sigma, by[:, None]) for by in moving.T]
-    if (sigma := settings.dynamic_pressure) > 0.0:
-        square = (velocity[1:] ** 2).sum(axis=1)
-        found.append(SlowError.of("dynamic_pressure", sigma, square[:, None]))
-    if (sigma := settings.platform_tilt) > 0.0:
-        half, lasting = 0.5 * settings.platform_time, settings.platform_time
-        found.append(SlowError.of("levelling", abs(mean_error(settings)), always, time=half))
-        force = np.diff(velocity, axis=0) / np.diff(time)[:, None]
-        found += [SlowError.of("tilt", sigma, by[:, None], time=lasting) for by in force.T]
-    return found
+    moved, since = np.diff(velocity, axis=0), np.diff(time)[:, None]
+    force = np.concatenate([moved[:1], moved / since])  # the first is of the start, which is none
+    states = noise_states(settings, time, velocity, force)
+    return [SlowError.of(name, sigma, by[1:, None], time) for name, sigma, time, by in states]
 
 
 def gradiometer_errors(

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from isogal.arrays import Array, Booleans, Integers
@@ -27,8 +26,7 @@ FORMAT = 3
 class RunDetail:
     """What only the figures of a single run need, for run 0 of the record. SI units, radians.
 
-    Candidates of all batches are in one list of N, each with its batch, its scan within the batch
-    and its weight."""
+    Candidates of all batches are in one list of N, each with its batch and its weight."""
 
     scan_time: Array
     """(S,) s."""
@@ -47,12 +45,10 @@ class RunDetail:
     """(N,) association probability within its scan."""
     candidate_batch: Integers
     """(N,) index into the record's fix_time."""
-    candidate_scan: Integers
-    """(N,) index of the scan in its batch."""
 
     @staticmethod
     def flatten(candidates: Sequence[Candidates | None]) -> dict[str, Any]:
-        """Return the five candidate fields from the candidates of each batch in turn (None = the
+        """Return the four candidate fields from the candidates of each batch in turn (None = the
         batch has none)."""
         present = [(batch, c) for batch, c in enumerate(candidates) if c is not None]
         batches = np.array([batch for batch, _ in present], dtype=np.int64)
@@ -62,7 +58,6 @@ class RunDetail:
             "candidate_longitude": np.concatenate([none, *(c.longitude for _, c in present)]),
             "candidate_weight": np.concatenate([none, *(c.weight for _, c in present)]),
             "candidate_batch": np.repeat(batches, [c.latitude.size for _, c in present]),
-            "candidate_scan": np.concatenate([batches[:0], *(c.scan for _, c in present)]),
         }
 
 
@@ -170,8 +165,6 @@ class Runs:
         for name in _SHARED:
             if not all(np.array_equal(getattr(first, name), getattr(p, name)) for p in parts):
                 raise ValueError(f"runs of different scenarios cannot be joined: {name} differs")
-        if len({part.smoothed_error is None for part in parts}) > 1:
-            raise ValueError("runs that were smoothed and runs that were not cannot be joined")
         per_run = (name for name, _ in _arrays(first) if name not in _SHARED)
         joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in per_run}
         return replace(first, **joined, detail=first.detail)
@@ -197,17 +190,12 @@ class Runs:
         with reading(path, "a record of runs"), np.load(path, allow_pickle=False) as stored:
             if (version := int(stored["format"])) != FORMAT:
                 raise InputError(f"{path}: has format {version} of records, not {FORMAT}")
-            own = {name: stored[name] for name in _names(Runs) if _is_there(name, stored)}
+            own = {name: stored[name] for name in _names(Runs) if name in stored}
             names = {name: _OF_DETAIL + name for name in _names(RunDetail)}
             detail = None
             if all(key in stored for key in names.values()):
                 detail = RunDetail(**{name: stored[key] for name, key in names.items()})
             return Runs(**own, detail=detail)
-
-
-def _is_there(name: str, stored: NpzFile) -> bool:
-    """Whether a file has an array of a record; one that every record has is asked for anyway."""
-    return name in stored or name not in _OPTIONAL
 
 
 def _names(record: type[RunDetail] | type[Runs]) -> list[str]:
@@ -222,6 +210,5 @@ def _arrays(record: RunDetail | Runs) -> list[tuple[str, Any]]:
 
 
 _OF_DETAIL = "detail_"
-_OPTIONAL = ("smoothed_error", "smoothed_covariance")
 _SHARED = ("time", "latitude", "longitude", "fix_time")
 """Arrays of a record that all its runs share; of the others each has its own."""

@@ -9,7 +9,6 @@ from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 
-from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import Json, reading, write_atomic
 
@@ -123,11 +122,6 @@ class Summary(TypedDict):
 def finite(value: float) -> Number:
     """Return a number as JSON can say it: None where it is not finite."""
     return float(value) if math.isfinite(value) else None
-
-
-def finite_list(values: Array) -> list[Number]:
-    """Return numbers (N,) as JSON can say them."""
-    return [finite(value) for value in values.tolist()]
 
 
 def plain(value: Any) -> Json:

@@ -16,7 +16,6 @@ from isogal.evaluation.figures.signal import signal_figure
 from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
-from isogal.evaluation.integrity import Solution
 from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
 from isogal.evaluation.results import IntegritySummary, Number, Summary
@@ -99,19 +98,14 @@ def _scenario(document: dict[str, Json], first: str, field_map: "RunMap") -> Sec
     texts = []
     for one in each_map(field_map):
         channels = len(channels_of(one))
-        first = (
-            f", the first of {channels} that are matched; figures show it alone"
-            if channels > 1
-            else ""
-        )
-        texts.append(f"Map: {one.provenance or one.quantity}{first}.")
+        of_many = f", the first of {channels} that are matched; figures show it alone"
+        texts.append(f"Map: {one.provenance or one.quantity}{of_many if channels > 1 else ''}.")
     if len(texts) > 1:
         texts.append(f"Figures of map and readings show the first, {first}.")
     return Section(
         "Scenario",
         texts,
         listing=yaml.safe_dump(document, sort_keys=False, allow_unicode=True),
-        listing_title="All settings",
     )
 
 
@@ -225,7 +219,7 @@ def _integrity(runs: Runs, settings: Integrity, found: IntegritySummary) -> Sect
         f" {time['assumed']:g} s apart, the assumed correlation time of the error (measured in"
         f" these runs: {measured} s), are one event."
     )
-    figure = stanford_figure(Solution.of(runs), settings)
+    figure = stanford_figure(runs, settings)
     return Section(
         "Integrity",
         [text],

@@ -9,9 +9,9 @@ import numpy as np
 from isogal.arrays import Array, Booleans
 from isogal.evaluation.consistency import mean_nees, nees_per_axis
 from isogal.evaluation.integrity import integrity
-from isogal.evaluation.judgement import KINDS, SETTLED_AFTER, all_scans_nees, judge
+from isogal.evaluation.judgement import KINDS, SETTLED_AFTER, judge
 from isogal.evaluation.records import Runs
-from isogal.evaluation.results import Nees, Number, SmoothedSummary, Summary, finite, finite_list
+from isogal.evaluation.results import Nees, Number, SmoothedSummary, Summary, finite
 from isogal.fix import Status
 from isogal.scenario import Settings
 
@@ -60,7 +60,7 @@ def summarise(
         "unaided": {"mean": _mean(recorded), "rms": _rms(recorded)},
         "bound": {"rms": _rms(bound_rms), "rms_after_1h": _rms(bound_rms[settled])},
         "nees_per_axis": _nees(posterior_nees(runs)),
-        "nees_all_scans": _nees(all_scans_nees(runs)),
+        "nees_all_scans": _nees(nees_per_axis(runs.error[:, 1:], runs.covariance[:, 1:])),
         "judgement": {
             "share": {kind: float(which.mean()) for kind, which in judgement.items()},
             "runs": {kind: np.flatnonzero(judgement[kind]).tolist() for kind in KINDS},
@@ -123,13 +123,11 @@ def _rms_over_time(runs: Runs, bound_rms: Array, **errors: Array) -> dict[str, l
     """Return the RMS over runs of errors (R, K), by name, and the bound over time."""
     step = float(np.median(np.diff(runs.time))) if runs.time.size > 1 else OVER_TIME_STEP
     entries = slice(None, None, max(1, round(OVER_TIME_STEP / step)))
+    rms = {name: np.sqrt(np.mean(error**2, axis=0)) for name, error in errors.items()}
+    columns = {"time": runs.elapsed, **rms, "bound": bound_rms}
     return {
-        "time": finite_list(runs.elapsed[entries]),
-        **{
-            name: finite_list(np.sqrt(np.mean(error[:, entries] ** 2, axis=0)))
-            for name, error in errors.items()
-        },
-        "bound": finite_list(bound_rms[entries]),
+        name: [finite(value) for value in column[entries].tolist()]
+        for name, column in columns.items()
     }
 
 

@@ -22,7 +22,9 @@ _State = tuple[str, float, float, Array]
 """Name, 1-sigma, correlation time (s), and what it adds to each of T readings per unit."""
 
 
-def noise_states(instrument: Gravimeter, time: Array, velocity: Array) -> list[_State]:
+def noise_states(
+    instrument: Gravimeter, time: Array, velocity: Array, force: Array | None = None
+) -> list[_State]:
     """Return what is correlated in time, what the vehicle's accelerations and its speed add, and
     what a platform that is not level does (docs/mathematics.md, section 2.8).
 
@@ -35,6 +37,8 @@ def noise_states(instrument: Gravimeter, time: Array, velocity: Array) -> list[_
         s.
     velocity : (T, 2) array
         m/s, north and east, at the stamps.
+    force : (T, 2) array, optional
+        m/s², horizontal specific force of each; default: as the velocities change.
     """
     one, several = np.ones(len(time)), len(time) > 1
     found: list[_State] = []
@@ -50,7 +54,8 @@ def noise_states(instrument: Gravimeter, time: Array, velocity: Array) -> list[_
         square: Array = (velocity**2).sum(axis=1)
         found.append(("dynamic_pressure", instrument.dynamic_pressure, np.inf, square))
     if instrument.platform_tilt > 0.0:
-        force: Array = np.gradient(velocity, time, axis=0) if several else 0.0 * velocity
+        if force is None:
+            force = np.gradient(velocity, time, axis=0) if several else 0.0 * velocity
         north, east = force[:, 0], force[:, 1]
         tilt, time_constant = instrument.platform_tilt, instrument.platform_time
         found.append(("levelling", -mean_error(instrument), 0.5 * time_constant, one))

@@ -1,5 +1,4 @@
-"""Cases to compute, and their runs, which workers compute one at a time: what runs share, such as
-the map, is prepared once in each worker."""
+"""Cases to compute, and their runs, which workers compute one at a time."""
 
 import hashlib
 import json
@@ -7,7 +6,6 @@ import math
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -66,6 +64,12 @@ class Case:
             parts["recorded"] = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:24]
 
+    def compute(self, run: int) -> Runs:
+        """Compute a run; raises InputError where the scenario cannot be used."""
+        matcher = None if self.aided else Unaided()
+        lag = math.inf if self.smooth else 0.0
+        return simulate(self.scenario, [run], self.field_map, matcher, lag=lag)
+
 
 @dataclass(frozen=True, eq=False)
 class Job:
@@ -74,32 +78,8 @@ class Job:
     case: Case
     run: int
 
-    @property
-    def task(self) -> "Task":
-        """What a worker needs to know of it."""
-        case = self.case
-        return Task(map_digest(case.field_map), case.scenario, self.run, case.aided, case.smooth)
-
     def __str__(self) -> str:
         return f"{self.case.name}, run {self.run}"
-
-
-class Task(NamedTuple):
-    """A job as it is sent to a worker; maps are sent once, under their digests."""
-
-    map_key: str
-    scenario: Scenario
-    run: int
-    aided: bool
-    smooth: bool
-
-
-def compute(task: Task, field_map: RunMap) -> Runs:
-    """Compute a task on the map of its key; raises InputError where the scenario cannot be
-    used."""
-    matcher = None if task.aided else Unaided()
-    lag = math.inf if task.smooth else 0.0
-    return simulate(task.scenario, [task.run], field_map, matcher, lag=lag)
 
 
 class Unaided:
@@ -128,7 +108,7 @@ def source_digest() -> str:
 
 @cache
 def map_digest(field_map: RunMap) -> str:
-    """Return a hash of a map's numbers, which identifies it to workers. Maps do not change."""
+    """Return a hash of a map's numbers. Maps do not change."""
     digest = hashlib.sha256()
     for channel in (one for each in each_map(field_map) for one in channels_of(each)):
         for part in channel.parts():

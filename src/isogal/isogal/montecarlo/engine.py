@@ -47,13 +47,6 @@ Arrivals = dict[int, list[tuple[float, Measurement]]]
 """Measurements, each with its time (s), by the number of IMU intervals before they come."""
 
 
-def _errors(trajectory: Trajectory, track: Array, index: Integers) -> Array:
-    """Return the north and east error (R, S, 2; m) of tracks (R, S, 2+; latitude, longitude, rad)
-    after so many steps (S,)."""
-    latitude, longitude = trajectory.latitude[index], trajectory.longitude[index]
-    return horizontal_difference(track[..., 0], track[..., 1], latitude, longitude)
-
-
 def simulate(
     scenario: Scenario,
     runs: Sequence[int],
@@ -153,7 +146,8 @@ class Simulation:
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
         truth = scenario.true
-        self._delay = truth.longest_delay
+        self._delay = max((one.delay for one in truth.aids), default=0.0)
+        """By how much measurements may come late, s."""
         self._known = known_gravity(scenario.gravity_field, trajectory)
         sensed = sensed_gravity(truth.gravity_field, trajectory, runs)
         self._imu = simulate_imu(truth, trajectory, runs, sensed)
@@ -166,7 +160,10 @@ class Simulation:
             ins = said(truth.ins, ins)
             self._imu = felt(ins, trajectory.dt, preintegrated)
             start = Estimate(*np.split(ins[:, 0], [3, 6], axis=1))
-        self.unaided = _errors(trajectory, ins[:, self.index], self.index)
+        latitude, longitude = (ins[:, self.index, axis] for axis in range(2))
+        truth_at = trajectory.latitude[self.index], trajectory.longitude[self.index]
+        self.unaided = horizontal_difference(latitude, longitude, *truth_at)
+        """(R, S + 1, 2) m, error of the unaided navigators north and east at these states."""
         self._start = start
         self._fields, self._maps = scenario.each_field, each_map(field_map)
         self._every = [one.steps_per_scan // scenario.steps_per_scan for one in self._fields]

@@ -38,9 +38,7 @@ class Recorder:
         self._error = np.full((runs, scans + 1, 2), np.nan)
         self._covariance = np.full((runs, scans + 1, 2, 2), np.nan)
         self._smoothed: tuple[Array, Array] | None = None
-        self._fix_place = np.full((2, runs, batches), np.nan)
-        self._fix_time = self.time[ends]
-        """(B,) s, of each batch's last reading."""
+        self._fix_error = np.full((runs, batches, 2), np.nan)
         self._fix_covariance = np.full((runs, batches, 2, 2), np.nan)
         self._fix_seconds = np.zeros((runs, batches))
         self._status = np.full((runs, batches), Status.DECLINED.value, dtype=np.object_)
@@ -85,16 +83,15 @@ class Recorder:
         self._fix_seconds[run, batch] = applied.seconds
         self._status[run, batch], self._reason[run, batch] = status.value, reason or ""
         if fix.published:
-            self._fix_place[:, run, batch] = fix.latitude, fix.longitude
-            self._fix_time[batch] = fix.time
+            truth = [np.interp(fix.time, self.time, x) for x in (self.latitude, self.longitude)]
+            place = fix.latitude, fix.longitude
+            self._fix_error[run, batch] = horizontal_difference(*place, *truth)
             self._fix_covariance[run, batch] = fix.covariance
         if run == 0:
             self._candidates.append(fix.candidates)
 
     def record(self, unaided_error: Array, field_map: RouteMap) -> Runs:
         """Return all that was written, with the error of the unaided navigators (R, K, 2)."""
-        truth = [np.interp(self._fix_time, self.time, x) for x in (self.latitude, self.longitude)]
-        fix_error = horizontal_difference(*self._fix_place, *truth)
         return Runs(
             time=self.time,
             latitude=self.latitude,
@@ -103,7 +100,7 @@ class Recorder:
             covariance=self._covariance,
             unaided_error=unaided_error,
             fix_time=self.time[self.ends],
-            fix_error=fix_error,
+            fix_error=self._fix_error,
             fix_covariance=self._fix_covariance,
             fix_status=self._status.astype(np.str_),
             fix_reason=self._reason.astype(np.str_),

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass
 
 from isogal.errors import InputError
-from isogal.montecarlo.cases import Case, Job, map_digest
+from isogal.montecarlo.cases import Case, Job
 from isogal.montecarlo.progress import LiveProgress
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.workers import Submit, cluster, computed, processes
@@ -28,17 +28,16 @@ class Backend:
 
     def start(self, jobs: Sequence[Job]) -> AbstractContextManager[Submit]:
         """Start workers for jobs; see `processes` and `cluster`."""
-        maps = {map_digest(job.case.field_map): job.case.field_map for job in jobs}
+        cases = {job.case.key: job.case for job in jobs}
         if self.scheduler is None:
-            return processes(maps, min(self.workers or available_cores(), len(jobs)))
-        return cluster(maps, self.scheduler)
+            return processes(cases, min(self.workers or available_cores(), len(jobs)))
+        return cluster(cases, self.scheduler)
 
 
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C; what was finished is kept."""
 
     def __init__(self, kept: int, total: int) -> None:
-        super().__init__(f"{kept} of {total} runs are kept")
         self.kept, self.total = kept, total
 
 
@@ -78,6 +77,6 @@ def compute_cases(
             for job, runs in finished:
                 store.put(job, runs)
                 kept += 1
-                display.finished(job)
+                display.computed(job)
     except KeyboardInterrupt:
         raise Interrupted(kept, total) from None

@@ -19,8 +19,7 @@ from uuid import uuid4
 from isogal import forkserver
 from isogal.errors import InputError
 from isogal.evaluation.records import Runs
-from isogal.maps.several import RunMap
-from isogal.montecarlo.cases import Job, Task, compute, source_digest
+from isogal.montecarlo.cases import Case, Job, source_digest
 from isogal.threads import VARIABLES
 
 if TYPE_CHECKING:
@@ -51,7 +50,7 @@ def computed(
     jobs : sequence of Job
         Begun in this order.
     start : callable
-        Returns workers for jobs: `processes` or `cluster` of their maps.
+        Returns workers for jobs: `processes` or `cluster` of their cases.
 
     Raises
     ------
@@ -95,24 +94,24 @@ def _result(future: Future[Runs | Path], job: Job) -> Runs:
 
 
 @contextmanager
-def processes(maps: Mapping[str, RunMap], count: int) -> Iterator[Submit]:
+def processes(cases: Mapping[str, Case], count: int) -> Iterator[Submit]:
     """Start so many processes of this machine (`isogal.forkserver`); at the end they are killed.
 
     Parameters
     ----------
-    maps : mapping
-        By `map_digest`.
+    cases : mapping
+        By their keys; each process is sent them once.
     count : int
         Each uses one thread.
     """
     forkserver.preload(__name__)
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(count, forkserver.CONTEXT, _take, (maps,))
+    pool = ProcessPoolExecutor(count, forkserver.CONTEXT, _take, (cases,))
     with TemporaryDirectory(prefix="isogal-") as folder:
 
         def submit(job: Job) -> Future[Runs | Path]:
             with _as_worker():
-                return pool.submit(_compute, job.task, Path(folder))
+                return pool.submit(_compute, job.case.key, job.run, Path(folder))
 
         try:
             yield submit
@@ -122,12 +121,12 @@ def processes(maps: Mapping[str, RunMap], count: int) -> Iterator[Submit]:
             pool.shutdown(cancel_futures=True)
 
 
-_maps: dict[str, RunMap] = {}
+_cases: dict[str, Case] = {}
 """Of a worker process."""
 
 
-def _take(maps: Mapping[str, RunMap]) -> None:
-    _maps.update(maps)
+def _take(cases: Mapping[str, Case]) -> None:
+    _cases.update(cases)
     Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -140,11 +139,11 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _compute(task: Task, folder: Path) -> Path:
-    """Compute a task; return the file that the run is in. A worker that is killed while it sends
-    more than fits into the pool's pipe would leave the parent waiting for the rest."""
+def _compute(key: str, run: int, folder: Path) -> Path:
+    """Compute a run of a case; return the file that it is in. A worker that is killed while it
+    sends more than fits into the pool's pipe would leave the parent waiting for the rest."""
     path = folder / f"{uuid4().hex}.npz"
-    compute(task, _maps[task.map_key]).save(path)
+    _cases[key].compute(run).save(path)
     return path
 
 
@@ -163,14 +162,14 @@ def _as_worker() -> Iterator[None]:
 
 
 @contextmanager
-def cluster(maps: Mapping[str, RunMap], address: str) -> Iterator[Submit]:
+def cluster(cases: Mapping[str, Case], address: str) -> Iterator[Submit]:
     """Use the workers of a Dask cluster. If one dies, Dask gives its run to another,
     `distributed.scheduler.allowed-failures` times.
 
     Parameters
     ----------
-    maps : mapping
-        By `map_digest`.
+    cases : mapping
+        By their keys; each worker is sent them once.
     address : str
         Of the scheduler, for example ``tcp://host:8786``.
 
@@ -182,17 +181,18 @@ def cluster(maps: Mapping[str, RunMap], address: str) -> Iterator[Submit]:
     client = _connected(address)
     try:
         check_code(client, address, source_digest())
-        spread = {
-            key: client.scatter(field_map, broadcast=True, hash=False)
-            for key, field_map in maps.items()
-        }
+        (sent,) = client.scatter([cases], broadcast=True, hash=False)
         pool = client.get_executor(pure=False)
         try:
-            yield lambda job: pool.submit(compute, job.task, spread[job.task.map_key])
+            yield lambda job: pool.submit(_of_cluster, sent, job.case.key, job.run)
         finally:
             pool.shutdown(wait=False)
     finally:
         client.close()
+
+
+def _of_cluster(cases: Mapping[str, Case], key: str, run: int) -> Runs:
+    return cases[key].compute(run)
 
 
 def _connected(address: str) -> "Client":

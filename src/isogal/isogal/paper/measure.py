@@ -137,14 +137,12 @@ class Spread:
         wanted = wanted or [float(runs.elapsed[-1])]
         index = [int(np.argmin(np.abs(runs.elapsed - t))) for t in wanted]
         error, covariance = runs.unaided_error[:, index], runs.covariance[:, index]
-        test = spread_test(error, covariance)
         return cls(
             setting.grade,
             runs.elapsed[index],
             np.sqrt(np.mean((error**2).sum(axis=-1), axis=0)),
             np.sqrt(np.mean(np.trace(covariance, axis1=-2, axis2=-1), axis=0)),
-            *test,
-            test.consistent,
+            *spread_test(error, covariance),
         )
 
 
@@ -152,8 +150,6 @@ class Spread:
 class Tracks:
     """Errors of tracks as output at the time and as revised by later batches."""
 
-    time: Array
-    """(K,) s since the start."""
     live: Array
     """(R, K, 2) m, error at the time, north and east."""
     revised: Array
@@ -174,7 +170,7 @@ def measure_tracks(plan: Plan, setting: Setting) -> Tracks:
 
     record = simulate(scenario, runs, field_map, revised=keep)
     revised = np.where(np.isnan(revised), record.error, revised)
-    return Tracks(record.elapsed, record.error, revised)
+    return Tracks(record.error, revised)
 
 
 def roughness(error: Array) -> float:

@@ -203,11 +203,6 @@ class Settings(Section):
         return lines
 
     @property
-    def longest_delay(self) -> float:
-        """By how much the aids' measurements may come late, s."""
-        return max((one.delay for one in self.aids), default=0.0)
-
-    @property
     def field_names(self) -> tuple[str, ...]:
         """What each field is called."""
         if self.fields is None:

@@ -22,7 +22,7 @@ from rich.table import Table
 from rich.text import Text
 
 from isogal.errors import InputError
-from isogal.evaluation.integrity import Solution
+from isogal.evaluation.integrity import level_of
 from isogal.evaluation.view.page import Frame
 from isogal.evaluation.view.record import ViewedRun
 from isogal.maps.channels import RouteMap
@@ -197,7 +197,7 @@ def picture(progress: Progress | None, viewed: ViewedRun | None) -> Panel:
 def _figures(viewed: ViewedRun) -> Table:
     runs = viewed.runs
     sigma = np.sqrt(np.trace(runs.covariance[0], axis1=1, axis2=2))
-    level = Solution.of(runs).level(viewed.assumed.integrity)[0]
+    level = level_of(runs, viewed.assumed.integrity)[0]
     table = Table("", "now", "mean", "most", box=None, pad_edge=False)
     for name, values in (
         ("error", runs.horizontal_error[0]),

@@ -9,7 +9,6 @@ from isogal.cli.map.part import PartChoice
 from isogal.cli.map_choice import MAP
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json, number, text, written_folder
-from isogal.cli.progress import Bars
 from isogal.cli.tables import print_result
 
 
@@ -45,6 +44,7 @@ def fetch(
 
     The mirrors publish no checksums: a tile is trusted when it first arrives, its SHA-256 is kept
     in checksums.txt beside it, and a tile that differs from that later is refused."""
+    from isogal.cli.progress import Bars
     from isogal.maps.ggmplus.download import Patience
     from isogal.maps.ggmplus.fetch import fetch_tiles, tiles_for
 

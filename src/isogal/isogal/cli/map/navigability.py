@@ -76,8 +76,7 @@ def navigability(
 def _along_a_route(where: PartChoice) -> bool:
     """Return whether a route says the part of the map."""
     return where.route is not None or any(
-        item.startswith("route.") and item.partition("=")[0] in ("route.start", "route.end")
-        for item in where.set_ or ()
+        item.partition("=")[0] in ("route.start", "route.end") for item in where.set_ or ()
     )
 
 

@@ -2,9 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
+from isogal.cli.checks import place
 from isogal.cli.options import ScenarioChoice, number, text
 from isogal.errors import InputError
 
@@ -63,12 +63,6 @@ class RouteChoice(ScenarioChoice):
 
     PANEL: ClassVar[str] = PART
 
-    scenario: Annotated[
-        Path | None, text("FILE", "Scenario (YAML) whose route and sensor count.")
-    ] = None
-    set_: Annotated[
-        list[str] | None, text("KEY=VALUE", "Change a key of the scenario; repeatable.", "--set")
-    ] = None
     route: Annotated[
         str | None,
         text("'LAT,LON LAT,LON ...'", "Route by its points, deg, instead of the scenario's."),
@@ -121,21 +115,10 @@ class PartChoice(RouteChoice):
 
 def _waypoints(route: str) -> str:
     """Return ``--route`` as the value of the scenario's key `route.waypoints`."""
-    points = []
-    for item in route.split():
-        latitude, comma, longitude = item.partition(",")
-        try:
-            points.append(f"[{float(latitude)},{float(longitude)},{_SPEED}]")
-        except ValueError:
-            comma = ""
-        if not comma:
-            raise InputError(
-                f"--route: '{item}' must be LATITUDE,LONGITUDE in deg, for example '-38,144.5"
-                " -35,150'"
-            )
+    points = [[*place("--route", item), _SPEED] for item in route.split()]
     if len(points) < 2:
         raise InputError(f"--route '{route}': needs at least two points")
-    return f"[{','.join(points)}]"
+    return str(points)
 
 
 def _window(south: float, north: float, west: float, east: float) -> "Window":

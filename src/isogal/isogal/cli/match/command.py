@@ -16,7 +16,6 @@ from isogal.cli.match.options import (
     check_together,
 )
 from isogal.cli.option_groups import with_groups
-from isogal.cli.progress import Bars
 from isogal.cli.tables import print_table
 
 if TYPE_CHECKING:
@@ -62,6 +61,7 @@ def _matched(
 ) -> "list[Match]":
     """Match a track, or a line of its file, showing how far it is on a terminal, and write its
     report; raises InputError."""
+    from isogal.cli.progress import Bars
     from isogal.tracks.match_report import write_match_report
     from isogal.tracks.matching import match_fields
 

@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-CONFIDENCE = 0.95
-"""Of the interval of the NEES."""
-
-
 @style.journal
 def error_figure(runs: Runs) -> "Figure":
     """North and east error of the first run with its 3-sigma band and the fixes; left against the
@@ -88,16 +84,16 @@ def nees_figure(runs: Runs) -> "Figure":
     known = counts > 0
     mean = np.ma.masked_array(values, np.isnan(values)).mean(axis=0).filled(np.nan)
     if known.any():
-        band = np.array([chi_square_interval(float(n), 2, CONFIDENCE) for n in counts[known]])
-        label = f"{CONFIDENCE:.0%} of consistent navigators"
+        band = np.array([chi_square_interval(float(n)) for n in counts[known]])
+        label = "95% of consistent navigators"
         panel.fill_between(time[known], *band.T, **style.BAND, label=label)
     who = "this run" if len(runs) == 1 else f"mean of {len(runs)} runs"
     panel.plot(time, mean, **style.AIDED.options(), marker="o", markersize=3, label=who)
     panel.axhline(1.0, **style.BOUND.options(), label="1: right")
-    overall, (low, high) = mean_nees(values, confidence=CONFIDENCE)
+    overall, (low, high) = mean_nees(values)
     if np.isfinite(overall):
         panel.set_title(
-            f"mean {overall:.2f}; {CONFIDENCE:.0%} interval {low:.2f} to {high:.2f}",
+            f"mean {overall:.2f}; 95% interval {low:.2f} to {high:.2f}",
             loc="left",
         )
     style.logarithmic(panel)

@@ -6,7 +6,8 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.evaluation.figures import style
-from isogal.evaluation.integrity import Solution
+from isogal.evaluation.integrity import level_of, rate_of
+from isogal.evaluation.records import Runs
 from isogal.scenario import Integrity
 
 if TYPE_CHECKING:
@@ -20,14 +21,14 @@ SMALLEST = 1e-3
 
 
 @style.journal
-def stanford_figure(solution: Solution, settings: Integrity) -> "Figure":
+def stanford_figure(runs: Runs, settings: Integrity) -> "Figure":
     """Draw how many states have which error and which protection level, with the diagonal and the
     numbers of the regions that it, and the alert limit if there is one, make."""
     from matplotlib.colors import LogNorm
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
-    level = solution.level(settings)
-    error = np.where(np.isfinite(solution.distance), solution.distance, np.inf)
+    level = level_of(runs, settings)
+    error = np.where(np.isfinite(runs.horizontal_error), runs.horizontal_error, np.inf)
     figure = style.new_figure(5.4)
     panel = figure.subplots()
     top = _largest(error, level, settings.alert_limit)
@@ -54,13 +55,13 @@ def stanford_figure(solution: Solution, settings: Integrity) -> "Figure":
     panel.set_aspect("equal")
     panel.set_xlabel("horizontal error (m)")
     panel.set_ylabel(f"horizontal protection level at {settings.risk:g} per hour (m)")
-    _regions(panel, solution, settings, level)
+    _regions(panel, runs, settings, level)
     return figure
 
 
-def _regions(panel: "Axes", solution: Solution, settings: Integrity, level: Array) -> None:
+def _regions(panel: "Axes", runs: Runs, settings: Integrity, level: Array) -> None:
     """Name the regions where they are, and say above how many states are in them."""
-    error, limit = solution.distance, settings.alert_limit
+    error, limit = runs.horizontal_error, settings.alert_limit
     misleading = ~(error <= level)
     places = {"misleading": ((0.97, 0.03), misleading)}
     if limit is not None:
@@ -71,7 +72,7 @@ def _regions(panel: "Axes", solution: Solution, settings: Integrity, level: Arra
             line(limit, **style.BOUND.options())
     lines = []
     for name, ((x, y), which) in places.items():
-        rate = solution.rate(which, settings)
+        rate = rate_of(which, runs, settings)
         events = f"{rate.events} events in {rate.hours:.1f} h"
         states = f"{int(which.sum())} of {which.size} states"
         lines.append(f"{name}: {states}" + (f", {events}" if y < 0.5 else ""))

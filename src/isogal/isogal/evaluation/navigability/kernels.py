@@ -217,7 +217,7 @@ def second_places(
     T, K = approach.offset.shape[0], places.shape[0]
     out = np.full((rows.size, columns.size), math.nan)
     gain, weight, known = np.empty(T), np.empty(T), np.ones(T, dtype=np.bool_)
-    own, before, fit = np.empty(T), np.empty((K, K)), np.empty((K, K))
+    own, w, fit = np.empty(T), np.empty(T), np.empty((K, K))
     for a in range(rows.size):
         i = rows[a]
         for b in range(columns.size):
@@ -230,7 +230,10 @@ def second_places(
                 prior, step, correlation, gain, weight,
             )  # fmt: skip
             _white(node, 0.0, 0.0, own)
-            _fits(node, own, places, before, fit)
+            for p in range(K):
+                for q in range(K):
+                    _white(node, places[p], places[q], w)
+                    fit[p, q] = _misfit(node, w, own, places[p], places[q])
             out[a, b] = _of_node(node, own, places, fit, separation**2)
     return out
 
@@ -285,28 +288,6 @@ def _of_node(node: _Node, own: Array, places: Array, fit: Array, apart: float) -
             for k in range(3):
                 found[place, 3 + k] = hessian[k]
     return _probability(found[:count])
-
-
-@kernel(error_model="numpy")
-def _fits(node: _Node, own: Array, places: Array, before: Array, fit: Array) -> None:
-    """Write the chi-square (K, K) of all places: `_misfit` of `_white`, for many places at a time.
-    `before` (K, K) is work space."""
-    values, offset, cell, K = node.values, node.offset, node.cell, places.shape[0]
-    for p in range(K):
-        for q in range(K):
-            fit[p, q] = (places[p] ** 2 + places[q] ** 2) / node.prior**2
-            before[p, q] = 0.0
-    for t in range(offset.shape[0]):
-        gain, root = node.gain[t], math.sqrt(node.weight[t])
-        for p in range(K):
-            row = node.row + (offset[t, 0] + places[p]) / cell[0]
-            for q in range(K):
-                value = _linear(values, row, node.column + (offset[t, 1] + places[q]) / cell[1])
-                expected = node.correlation * before[p, q]
-                more = node.by_place[0] * places[p] + node.by_place[1] * places[q]
-                difference = value - more - expected
-                before[p, q] = expected + gain * difference
-                fit[p, q] += (root * difference - own[t]) ** 2
 
 
 @kernel(error_model="numpy")

@@ -15,12 +15,12 @@ from isogal.earth.gravity import normal_gravity
 from isogal.evaluation.ins_error_model import (
     Segments,
     initial_covariance,
-    noise_density,
     transitions,
 )
 from isogal.evaluation.planning.lattice import Lattice
-from isogal.evaluation.reading_errors import SlowError, effective_noise_variance
+from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
+from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.inertial.error_model import STATES
 from isogal.inertial.rotations import from_heading, matrix
 from isogal.maps.field_map import FieldMap
@@ -52,11 +52,11 @@ class Edges:
         )
         at = State(latitude, longitude, height, *self._velocity.T)
         self._jacobian = measured_field(truth).reduction(truth).jacobian(at)
-        sensor, error, nothing = truth.gravimeter, truth.map_error, np.empty(0)
+        sensor, error = truth.gravimeter, truth.map_error
         self._states = [
-            SlowError.of("map", 1.0, nothing, length=error.correlation_length).state,
-            SlowError.of("offset", math.hypot(sensor.bias, error.offset), nothing).state,
-            SlowError.of("drift", sensor.drift, nothing).state,
+            AuxiliaryState("map", "none", 0, 1.0, length=error.correlation_length),
+            AuxiliaryState("offset", "none", 0, math.hypot(sensor.bias, error.offset)),
+            AuxiliaryState("drift", "none", 0, sensor.drift),
         ]
 
     def _map_variance(self, latitude: Array, longitude: Array) -> Array:
@@ -102,7 +102,7 @@ class Edges:
             dt,
             1,
         )
-        steps = transitions(segments, noise_density(self._truth.imu), self._states)
+        steps = transitions(segments, self._truth.imu, self._states)
         transition, half = (np.array(each) for each in zip(*steps, strict=True))
         of_map = half[:, _MAP, _MAP].copy()  # of a variance of one
         h = np.zeros(P.shape[:2])

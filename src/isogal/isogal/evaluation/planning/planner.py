@@ -53,8 +53,6 @@ class RouteRequest:
         """Raise InputError unless this can be asked."""
         if not 0.0 < self.detour <= 1.0:
             raise InputError(f"detour must be above 0 and at most 1, is {self.detour:g}")
-        if self.ceiling is not None and not self.ceiling > 0.0:
-            raise InputError(f"ceiling of the error must be > 0 m, is {self.ceiling:g}")
         for name, place in (("start", self.start), ("goal", self.goal)):
             if inside(list(self.areas), np.array(place[0]), np.array(place[1])).any():
                 raise InputError(f"{name} lies in an area that the route must keep out of")

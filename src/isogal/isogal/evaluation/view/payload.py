@@ -9,8 +9,8 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.figures.style import FieldScale
-from isogal.evaluation.integrity import Solution
-from isogal.evaluation.records import Runs
+from isogal.evaluation.integrity import level_of
+from isogal.evaluation.records import RunDetail, Runs
 from isogal.evaluation.results import finite
 from isogal.evaluation.view.projection import Projection
 from isogal.evaluation.view.record import Event, ViewedRun
@@ -26,11 +26,14 @@ _OF_TRUTH = ("error", "north", "east", "nees", "unaided")
 """Columns that nobody knows without the truth."""
 
 
+_NOTHING = RunDetail(*(np.empty(0),) * 4, **RunDetail.flatten([]))
+"""Of a record without detail."""
+
 Column = Sequence[float | str | None]
 Table = dict[str, Column]
 """Columns by name."""
 _DIGITS = {"t": 7, "latitude": 9, "longitude": 9, "east_scale": 6, "north_scale": 6,
-           "milliseconds": 3, "weight": 3, "difference": 4}  # fmt: skip
+           "weight": 3, "difference": 4}  # fmt: skip
 """Significant ones; of places on the map there are eight, of others five."""
 
 
@@ -85,7 +88,7 @@ def _states(viewed: ViewedRun, projection: Projection) -> Table:
         "error": runs.horizontal_error[0],
         "unaided": runs.unaided_horizontal_error[0],
         **_covariances(covariance),
-        "level": Solution.of(runs).level(viewed.assumed.integrity)[0],
+        "level": level_of(runs, viewed.assumed.integrity)[0],
         "nees": nees_per_axis(error, covariance),
     }
     if not viewed.is_true:
@@ -109,7 +112,6 @@ def _batches(viewed: ViewedRun, projection: Projection) -> Table:
                 "north": fix[:, 0],
                 "east": fix[:, 1],
                 "nees": nees if viewed.is_true else np.full_like(nees, np.nan),
-                "milliseconds": 1e3 * runs.fix_seconds[0],
                 **_covariances(runs.fix_covariance[0]),
                 **_covariances(runs.posterior_covariance[0], "after_"),
             }
@@ -120,24 +122,19 @@ def _batches(viewed: ViewedRun, projection: Projection) -> Table:
 
 def _candidates(runs: Runs, projection: Projection) -> list[Table]:
     """Candidates of each batch, of all its scans."""
-    detail = runs.detail
-    if detail is None:
-        return [{"x": [], "y": [], "weight": [], "scan": []} for _ in runs.fix_time]
+    detail = runs.detail or _NOTHING
     x, y = projection(detail.candidate_latitude, detail.candidate_longitude)
     weight = detail.candidate_weight
     found = []
     for batch in range(runs.fix_time.size):
         mine = np.flatnonzero(detail.candidate_batch == batch)
         mine = mine[np.argsort(-weight[mine], kind="stable")[:MOST_CANDIDATES]]
-        table = _table({"x": x[mine], "y": y[mine], "weight": weight[mine]})
-        found.append({**table, "scan": detail.candidate_scan[mine].tolist()})
+        found.append(_table({"x": x[mine], "y": y[mine], "weight": weight[mine]}))
     return found
 
 
 def _readings(viewed: ViewedRun, scale: FieldScale) -> Table:
-    detail, start = viewed.runs.detail, viewed.runs.time[0]
-    if detail is None:
-        return {"t": [], "reading": [], "truth": [], "navigator": [], "difference": []}
+    detail, start = viewed.runs.detail or _NOTHING, viewed.runs.time[0]
     reading, navigator = scale(detail.reading), scale(detail.map_value_navigator)
     true = detail.map_value if viewed.is_true else np.full_like(detail.map_value, np.nan)
     columns = {
