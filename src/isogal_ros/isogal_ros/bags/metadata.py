@@ -50,8 +50,7 @@ class Contents:
         self.messages += 1
         if self.first is None or log_ns < self.first:
             self.first = log_ns
-        if log_ns > self.last:
-            self.last = log_ns
+        self.last = max(self.last, log_ns)
 
     def copy(self) -> "Contents":
         """Return what it holds now, to which nothing is counted any more."""
