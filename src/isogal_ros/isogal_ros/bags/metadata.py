@@ -48,8 +48,7 @@ class Contents:
         """Count a message."""
         topic.count += 1
         self.messages += 1
-        if self.first is None or log_ns < self.first:
-            self.first = log_ns
+        self.first = log_ns if self.first is None else min(self.first, log_ns)
         self.last = max(self.last, log_ns)
 
     def copy(self) -> "Contents":
