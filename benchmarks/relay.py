@@ -26,7 +26,10 @@ from isogal_ros.topics import LOSSLESS, Message, Topic
 RECORDER = "recorder"
 NODES = (RECORDER, topics.GRAVIMETER, topics.PMHT_MM, topics.UKF_FUSION, topics.INS_SIM)
 STEP = (topics.CLOCK, topics.IMU, topics.TRUTH_ODOM, topics.INS_FIX, topics.TRUTH_FIX)
-STATE = (topics.NAV_ODOM, topics.PROTECTION_LEVEL, topics.NAV_COVARIANCE, topics.NAV_FIX)
+STATE = (
+    topics.NAV_ODOM, topics.PROTECTION_LEVEL, topics.NAV_COVARIANCE, topics.NAV_FIX,
+    topics.NAV_PATH,
+)  # fmt: skip
 REDUCED = (topics.GRAVITY, topics.DISTURBANCE)
 FIX = (topics.INFORMATION, topics.FIX, topics.POSE, topics.CANDIDATES)
 SENT = (*STEP, *STATE, topics.GRAVIMETRY, *REDUCED, *FIX)
@@ -36,17 +39,21 @@ is not yet seen the other way."""
 
 
 class Sample:
-    """One message of each topic of a recording, and how often they come."""
+    """One message of each topic of a recording, and how often they come: that in the middle, as
+    paths grow, and what is said of a fix begins with the first."""
 
     def __init__(self, bag: Path) -> None:
         types = {f"/{topic.name.lstrip('/')}": topic.type for topic in SENT}
         self.messages: dict[str, Message] = {}
-        counts: Counter[str] = Counter()
-        for item in BagReader(bag).messages():
-            counts[item.topic] += 1
-            if item.topic in types and item.topic not in self.messages:
+        reader, seen = BagReader(bag), Counter[str]()
+        counts = Counter(item.topic for item in reader.messages())
+        for item in reader.messages():
+            seen[item.topic] += 1
+            if item.topic in types and seen[item.topic] == (1 + counts[item.topic]) // 2:
                 message = deserialize_message(item.data, types[item.topic])
-                self.messages[item.topic] = message
+                # rclpy takes longer for the poses of a path than for all else of a step
+                is_path = types[item.topic] is topics.NAV_PATH.type
+                self.messages[item.topic] = item.data if is_path else message
         self.steps = counts["/clock"]
         self.scan_every = round(self.steps / counts["/gravimeter/gravity"])
         self.fix_every = self.scan_every * max(

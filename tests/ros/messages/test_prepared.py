@@ -1,12 +1,14 @@
 """Messages that are serialised once say the same as those that rclpy serialises each time."""
 
+import struct
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message
 
 from isogal_ros import topics
-from isogal_ros.messages.prepared import Prepared, numbers_of, serialised, write
+from isogal_ros.messages.prepared import Prepared, Reader, numbers_of, peek_ns, serialised, write
 from isogal_ros.messages.stamps import among, from_seconds, to_seconds
 
 EACH = (
@@ -49,6 +51,15 @@ def test_as_rclpy_has_it(topic, frame, ns, seed) -> None:
 
 
 TODAY = 1_764_187_200_123_456_789
+
+
+def test_a_message_may_have_the_highest_byte_of_a_number_first() -> None:
+    """One of a clock: 7 s and 5 ns, and of three numbers behind a text."""
+    assert peek_ns(b"\0\0\0\0" + struct.pack(">iI", 7, 5)) == 7_000_000_005
+    assert peek_ns(b"\0\1\0\0" + struct.pack("<iI", 7, 5)) == 7_000_000_005
+    content = Reader(b"\0\0\0\0" + struct.pack(">I4s3d", 4, b"odd\0", 1.0, -2.0, 3.0))
+    assert content.text() == "odd"
+    assert content.numbers(3).tolist() == [1.0, -2.0, 3.0]
 
 
 def test_times_in_seconds_are_the_stamps_that_they_were_made_of() -> None:
