@@ -12,7 +12,6 @@ from acceptance_rows import Place, Row, all_rows
 from acceptance_table import print_table
 
 from helpers.batches import ORIGIN
-from isogal.errors import InputError
 from isogal.matching import map_matching
 from isogal.scenario import load_scenario
 
@@ -52,30 +51,6 @@ def test_a_row_has_all_figures_and_cells(monkeypatch, place, capsys):
     assert min(row["run_hours_per_cpu_s"], row["memory_mb"]) > 0.0
     print_table({"tiny": row, "other": {"skipped": "no file"}}, {"tiny": row})
     assert "1.000±0.000" in capsys.readouterr().out
-
-
-def test_what_cannot_be_measured_says_why(monkeypatch, place):
-    assert "no away.nc" in measured(monkeypatch, place, needs=("away.nc",))["skipped"]
-
-    def refused(_place):
-        raise InputError("no such key")
-
-    row = measured(monkeypatch, place, make=refused)
-    assert row == {"failed": "InputError: no such key"}
-    assert compared(row, KEPT).worse == ("failed",)
-
-
-def test_finished_rows_are_taken_from_their_files(monkeypatch, place):
-    options = acceptance.arguments(["--workers", "1"])
-    place.out.mkdir()
-    row = next(row for row in all_rows() if isinstance(row, Row))
-    monkeypatch.setattr(acceptance, "measure", lambda *_: dict(KEPT))
-    assert acceptance.kept_or_measured(row, place, 2, options) == KEPT
-    monkeypatch.setattr(acceptance, "measure", lambda *_: {"failed": "computed again"})
-    assert acceptance.kept_or_measured(row, place, 2, options) == KEPT
-    assert "failed" in acceptance.kept_or_measured(row, place, 3, options)
-    options.again = True
-    assert "failed" in acceptance.kept_or_measured(row, place, 2, options)
 
 
 def changed(**more):

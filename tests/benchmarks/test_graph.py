@@ -1,20 +1,12 @@
 """The benchmark of the graph."""
 
 import graph
-import pytest
 from clock import Clock
 
 from helpers.node_bench import bench
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.graph.bus import Bus
-
-
-def test_a_run_that_is_over_at_once_is_one_line():
-    usage = graph.Usage(dict)
-    usage.look(1.0)
-    with pytest.raises(SystemExit, match="give a longer --duration"):
-        usage.per_step  # noqa: B018 - raises
 
 
 def test_what_nodes_take_and_publish_is_timed(monkeypatch):

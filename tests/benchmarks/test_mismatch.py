@@ -7,7 +7,6 @@ import closed_loop
 import mismatch
 import numpy as np
 import pytest
-from closed_loop import write_between
 from mismatch_maps import Maps
 from mismatch_rows import MGAL_3, ROWS
 
@@ -42,19 +41,6 @@ def test_told_and_untold_are_one_world_and_who_is_told_nothing_has_its_defaults(
         assert nothing.gravity == Scenario().gravity
     assert nothing.velocity == type(nothing.velocity)(kind=nothing.velocity.kind)
     assert nothing.height == type(nothing.height)(source=nothing.height.source)
-
-
-def test_a_page_gets_the_table_and_its_date_between_its_marks(tmp_path):
-    first, last = mismatch.MARKS
-    page = tmp_path / "page.md"
-    page.write_text(f"before\n{first}\nold\n{last}\nafter\n")
-    write_between(page, mismatch.MARKS, "| new \\1 |")
-    text = page.read_text()
-    head = r"Of \d{4}-\d\d-\d\d(, revision `[0-9a-f]{8}\+?`)?\."
-    assert re.fullmatch(rf"before\n{first}\n{head}\n\n\| new \\1 \|\n{last}\nafter\n", text)
-    page.write_text("no marks")
-    with pytest.raises(SystemExit, match="has no"):
-        write_between(page, mismatch.MARKS, "new")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import zstandard
 
 from helpers.bags import (
     ANOMALY,
@@ -95,17 +94,6 @@ def test_a_bag_in_several_files_and_one_cut_short(tmp_path):
     assert sizes[2] == 19  # the summary at the end is not needed
 
 
-def test_a_bag_that_is_compressed_as_a_whole(tmp_path):
-    file = write_bag(tmp_path / "b.mcap", *drive())
-    expected, packed = tracks_of(file)["gravity"], tmp_path / "b.mcap.zstd"
-    packed.write_bytes(zstandard.compress(file.read_bytes()))
-    assert is_recording(packed)
-    np.testing.assert_array_equal(tracks_of(packed)["gravity"].value, expected.value)
-    packed.write_bytes(b"hello")
-    with pytest.raises(InputError, match="not compressed by zstd, or damaged"):
-        read_recording(packed)
-
-
 SAYS = SimpleNamespace(data="x")
 READINGS = [message for message in drive() if "nav" not in message[0]]
 EARLY = [*READINGS, *(message for message in drive(4)[:4] if message[1] == FIX)]
@@ -124,18 +112,6 @@ def test_bags_without_a_track_are_refused_in_one_line(tmp_path, messages, says):
     with pytest.raises(InputError, match=says) as caught:
         read_recording(write_bag(tmp_path / "b.mcap", *messages))
     assert "\n" not in str(caught.value)
-
-
-def test_what_is_no_bag_is_refused_in_one_line(tmp_path):
-    with pytest.raises(InputError, match="no such file or folder"):
-        read_recording(tmp_path / "none")
-    with pytest.raises(InputError, match="no MCAP file in this folder"):
-        read_recording(tmp_path)
-    file = tmp_path / "x.mcap"
-    for data in (b"", b"hello", b"\x89MCAP0\r\n" + bytes(50)):
-        file.write_bytes(data)
-        with pytest.raises(InputError, match=r"cannot be read as MCAP|has no message"):
-            read_recording(file)
 
 
 def test_readings_without_a_variance_cannot_be_used(tmp_path):

@@ -394,15 +394,6 @@ def test_each_fault_has_its_probability_whatever_the_map_s_error():
         )
 
 
-def test_to_the_letter_there_is_one_model():
-    for which in (models(sigma=3e-5, trust=1.0), models(sigma=0.0, trust=1.0)):
-        assert len(which.sigma) == 1
-        assert which.family[0] == NONE
-    assert models(sigma=3e-5, trust=1.0, length=700.0).length[0] == 700.0
-    assert which.initial[0, 0] == 0.0  # a map without error has no state for it
-    assert which.sizes[0] == 7
-
-
 def test_what_a_grid_leaves_out_is_in_proportion_to_its_roughness():
     which = models(rough=2e-5, step=1500.0)
     coarse = which.family == COARSE
