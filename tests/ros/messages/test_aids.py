@@ -18,11 +18,9 @@ from helpers.changed_messages import changed
 from helpers.node_bench import bench
 from isogal.earth.frames import LocalFrame
 from isogal.scenario import Height
-from isogal.scenario.aids import HeadingAid
 from isogal.sensors.barometer import pressure_of
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
-    fill_heading,
     fill_pressure,
     fill_twist,
     read_heading,
@@ -92,13 +90,6 @@ def pose(x, y, z, variances=(0.0, 0.0, 0.0)):
     return changed(
         message, header__frame_id="map", pose__pose__position=place, pose__covariance=covariance
     )
-
-
-@pytest.mark.parametrize("heading", [-3.0, 1.2])
-def test_a_heading_there_and_back(heading) -> None:
-    message = Imu()
-    fill_heading(message, 5, heading, HeadingAid(sigma=0.03, correlated_sigma=0.04))
-    assert read_heading(message) == pytest.approx((heading, 0.0025))
 
 
 def test_a_heading_of_a_vehicle_that_is_tilted() -> None:
