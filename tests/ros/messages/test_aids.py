@@ -18,9 +18,10 @@ from helpers.changed_messages import changed
 from helpers.node_bench import bench
 from isogal.earth.frames import LocalFrame
 from isogal.scenario import Height
-from isogal.sensors.barometer import pressure_of
+from isogal.scenario.aids import HeadingAid
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
+    fill_heading,
     fill_pressure,
     fill_twist,
     read_heading,
@@ -63,26 +64,6 @@ def test_what_is_wrong_with_a_unit_is_said_and_does_no_harm(scenario) -> None:
         assert figures["velocity/data_raw used"] == 3
 
 
-def test_a_pressure_there_and_back() -> None:
-    pressure = FluidPressure()
-    fill_pressure(pressure, 5, 1234.5, BAROMETER)
-    assert read_pressure(pressure, BAROMETER)[1:] == pytest.approx((1234.5, 0.0))
-    pressure.variance = 100.0
-    slope = (pressure_of(1235.0, BAROMETER) - pressure_of(1234.0, BAROMETER)) ** -1
-    assert read_pressure(pressure, BAROMETER)[2] == pytest.approx(100.0 * slope**2, rel=1e-3)
-
-
-def test_a_velocity_there_and_back() -> None:
-    velocity = TwistWithCovarianceStamped()
-    velocity.header.frame_id = "base_link"
-    fill_twist(velocity, 5, np.array([20.0, 1.0, np.nan]))
-    back, covariance = read_velocity(velocity)
-    np.testing.assert_array_equal(back, [20.0, -1.0, np.nan])
-    assert not covariance.any()
-    velocity.twist.covariance[1] = 0.5
-    assert read_velocity(velocity)[1][0, 1] == -0.5
-
-
 def pose(x, y, z, variances=(0.0, 0.0, 0.0)):
     place = Point(x=x, y=y, z=z)
     covariance = np.diag([*variances, 0.0, 0.0, 0.0]).ravel()
@@ -90,6 +71,13 @@ def pose(x, y, z, variances=(0.0, 0.0, 0.0)):
     return changed(
         message, header__frame_id="map", pose__pose__position=place, pose__covariance=covariance
     )
+
+
+@pytest.mark.parametrize("heading", [-3.0, 1.2])
+def test_a_heading_there_and_back(heading) -> None:
+    message = Imu()
+    fill_heading(message, 5, heading, HeadingAid(sigma=0.03, correlated_sigma=0.04))
+    assert read_heading(message) == pytest.approx((heading, 0.0025))
 
 
 def test_a_heading_of_a_vehicle_that_is_tilted() -> None:
