@@ -114,6 +114,18 @@ def test_bags_without_a_track_are_refused_in_one_line(tmp_path, messages, says):
     assert "\n" not in str(caught.value)
 
 
+def test_what_is_no_bag_is_refused_in_one_line(tmp_path):
+    with pytest.raises(InputError, match="no such file or folder"):
+        read_recording(tmp_path / "none")
+    with pytest.raises(InputError, match="no MCAP file in this folder"):
+        read_recording(tmp_path)
+    file = tmp_path / "x.mcap"
+    for data in (b"", b"hello", b"\x89MCAP0\r\n" + bytes(50)):
+        file.write_bytes(data)
+        with pytest.raises(InputError, match=r"cannot be read as MCAP|has no message"):
+            read_recording(file)
+
+
 def test_readings_without_a_variance_cannot_be_used(tmp_path):
     silent = tracks_of(write_bag(tmp_path / "s.mcap", *drive(variance=0.0)))["gravity"]
     with pytest.raises(InputError, match="a reading has no sigma; give --sensor-sigma"):

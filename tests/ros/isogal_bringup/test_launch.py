@@ -182,6 +182,8 @@ def test_arguments_for_a_real_vehicle(launch) -> None:
         assert ("matcher.name" in own) is ("matcher" in node_class(name).sections)
         assert topics.INS_SIM not in own.get("peers", ())
     assert made.nodes[topics.GRAVIMETER]["parameters"][1]["simulate"] is False
+    played = launch(vehicle="real", use_sim_time="true").nodes[topics.GRAVIMETER]
+    assert played["parameters"][1]["use_sim_time"] is True
 
 
 @pytest.mark.slow

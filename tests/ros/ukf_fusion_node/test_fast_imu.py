@@ -9,9 +9,9 @@ from isogal.earth.frames import horizontal_difference
 from isogal.sensors.imu import simulate_samples
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
-from isogal_ros.messages.position import read_position
+from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import to_ns
-from isogal_ros.nodes.health import OK, WARN
+from isogal_ros.nodes.health import ERROR, OK, WARN
 
 SECONDS = 6
 KEYS = (
@@ -70,6 +70,19 @@ def test_jitter_and_lost_samples_move_it_by_millimetres(fast, samples, undisturb
         made.wait(lambda: SECONDS - 1 in stamps(made, topics.NAV_FIX))
         made.wait(lambda: made.says()[-1][2].get("IMU samples missing") == lost)
     assert apart(made, undisturbed, SECONDS - 1) < 0.02
+
+
+def test_a_long_gap_is_said_and_known(fast, samples) -> None:
+    with bench(topics.UKF_FUSION, fast) as made:
+        send(made, samples, regular(0, 400))
+        before = read_covariance(made.heard["nav/fix"][-1])
+        send(made, samples, [(k, (k + 1) / 200.0 + 60.0) for k in range(400, 900)])
+        assert made.told("IMU samples missing")[0] == ERROR
+        after = read_covariance(made.heard["nav/fix"][-1])
+    # a minute in which 0.1 m/s² may have acted: 5.8 m/s, since the vehicle has 22 m/s, that is
+    # 174 m, and 12 m in the two seconds since, along two axes
+    grown = np.sqrt(after[:2, :2].trace() - before[:2, :2].trace())
+    assert grown == pytest.approx(np.sqrt(2.0) * (174.0 + 12.0), rel=0.03)
 
 
 @pytest.mark.parametrize("rate", [100.0, 400.0])

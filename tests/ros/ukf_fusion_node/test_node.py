@@ -107,6 +107,12 @@ def test_what_a_fix_says_and_its_position_are_used_once_in_either_order(
     assert abs(filtering.node.health.figures["innovation north"]) < 200.0  # of the whole one
 
 
+def test_an_imu_faster_than_told_is_said(filtering) -> None:
+    for k in range(1, 60):
+        filtering.imu(0.05 * k, (0.0, 0.0, -9.8 + 1e-4 * (k % 7)))
+    assert filtering.told("IMU samples come at 20 Hz, imu.rate says 1")[0] == WARN
+
+
 def test_a_given_start(scenario) -> None:
     own = {
         "start_time": math.nan,
