@@ -62,6 +62,21 @@ def test_a_manoeuvre_ends() -> None:
     np.testing.assert_allclose(P[np.ix_([0, 3], [0, 3])], np.cov(moved, change), rtol=0.02)
 
 
+def test_samples_at_either_side_say_how_steady_the_vehicle_was() -> None:
+    nothing, unknown = np.zeros(3), UnknownMotion()
+    steady = unknown.seen((nothing, nothing), manoeuvre=False)
+    assert (steady.acceleration, steady.turn_rate, steady.tilt) == (0.0, 0.0, 0.0)
+    turning = (np.array([0.0, 0.3, 0.0]), np.array([0.0, 0.0, 0.02]))
+    seen = unknown.seen(turning, manoeuvre=False)
+    assert (seen.acceleration, seen.turn_rate) == (0.3, 0.02)
+    inside = unknown.seen((nothing, nothing), manoeuvre=True)
+    assert (inside.acceleration, inside.turn_rate) == (0.1, 1e-3)
+    # after the time between manoeuvres one has come with 1 - 1/e
+    without, one = unknown.log_probabilities(600.0)
+    assert np.exp(one) == pytest.approx(1.0 - np.exp(-1.0))
+    assert np.exp(without) + np.exp(one) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("gap", [3, 60, 600])
 def test_a_gap_widens_the_filter_and_is_replayed_for_a_late_fix(gap) -> None:
     ends = []

@@ -20,6 +20,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.graph.plan import Plan, nodes_of
 from isogal_ros.messages.prepared import peek_ns
+from isogal_ros.security.policy import policy
 
 MGAL = 1e-5
 PLACE = {
@@ -74,6 +75,17 @@ def test_a_replay_with_other_settings_is_as_if_they_had_been_run(two, recorded) 
     matcher = {"matcher": {"batch_length": 4, "map_sigma": 0.0}}
     scenario = two(matcher, interval=4.0, **matcher)
     assert_replayed_as_run(recorded("second is faster"), scenario, 0.05)
+
+
+def test_the_policy_names_each_node(two) -> None:
+    tree = policy(two())
+    found = {
+        profile.get("node"): {item.text for item in profile.iter("topic")}
+        for profile in tree.getroot().iter("profile")
+    }
+    assert {"magnetometer/anomaly", "gravimeter/disturbance"} <= found[topics.PMHT_MM]
+    assert "magnetometer/anomaly" in found[f"{topics.GRAVIMETER}_magnetic"]
+    assert "magnetometer/anomaly" not in found[topics.GRAVIMETER]
 
 
 def assert_library(bag: Path, scenario: Scenario) -> None:
