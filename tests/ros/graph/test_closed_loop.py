@@ -112,8 +112,9 @@ def test_other_scenarios(scenario, tmp_path, changes, counted) -> None:
     ("field", "fixes", "rounding", "unaided"),
     [("magnetic", 4, 1e-6, 150.0), ("terrain", 4, 1e-6, 150.0), ("gradient", 4, 1e-15, 60.0)],
 )
-def test_other_fields(recorded, field, fixes, rounding, unaided) -> None:
-    scenario, bag = recorded(field)
+def test_other_fields(request, tmp_path, field, fixes, rounding, unaided) -> None:
+    scenario, bag = request.getfixturevalue(field), tmp_path / "bag"
+    run_here(scenario, bag)
     graph, library = assert_closed_loop(bag, scenario)
     assert set(counts(bag)) == {absolute(topic) for topic in topics_of(scenario)}
     assert not any("gravimeter" in name for name in counts(bag))
