@@ -12,7 +12,6 @@ from acceptance_rows import Place, Row, all_rows
 from acceptance_table import print_table
 
 from helpers.batches import ORIGIN
-from isogal.errors import InputError
 from isogal.matching import map_matching
 from isogal.scenario import load_scenario
 
@@ -29,53 +28,20 @@ def tiny(place):
     return load_scenario(None, [*ends, "route.duration=900", "gravity.field=normal"])
 
 
-@pytest.fixture
-def place(tmp_path):
-    return Place(tmp_path, tmp_path / "made", 7)
-
-
-def measured(monkeypatch, place, runs=3, **more):
-    row = Row("tiny", **{"make": tiny, "needs": (), "settled": 300.0, "minutes": (10,)} | more)
+def test_a_row_has_all_figures_and_cells(monkeypatch, tmp_path, capsys):
+    clock, place = map_matching.clock, Place(tmp_path, tmp_path / "made", 7)
+    row = Row("tiny", make=tiny, needs=(), settled=300.0, minutes=(10,))
     monkeypatch.setattr(acceptance, "all_rows", lambda: [row])
     with ThreadPoolExecutor(1) as pool:
-        return acceptance.measure(row, place, runs, pool)
-
-
-def test_a_row_has_all_figures_and_cells(monkeypatch, place, capsys):
-    clock = map_matching.clock
-    row = measured(monkeypatch, place)
+        row = acceptance.measure(row, place, 2, pool)
     assert map_matching.clock is clock
-    assert (row["runs"], row["seed"], row["failed_fixes"]) == (3, 7, 0)
-    assert len(row["nees_of_run"]) == 3
+    assert (row["runs"], row["seed"], row["failed_fixes"]) == (2, 7, 0)
+    assert len(row["nees_of_run"]) == 2
     assert row["rms"] == pytest.approx(rms(np.array(row["rms_of_run"])), rel=1e-3)
     assert 0.0 < row["fix_ms"]["median"] <= row["fix_ms"]["p99"] <= row["fix_ms"]["max"]
     assert min(row["run_hours_per_cpu_s"], row["memory_mb"]) > 0.0
     print_table({"tiny": row, "other": {"skipped": "no file"}}, {"tiny": row})
     assert "1.000±0.000" in capsys.readouterr().out
-
-
-def test_what_cannot_be_measured_says_why(monkeypatch, place):
-    assert "no away.nc" in measured(monkeypatch, place, needs=("away.nc",))["skipped"]
-
-    def refused(_place):
-        raise InputError("no such key")
-
-    row = measured(monkeypatch, place, make=refused)
-    assert row == {"failed": "InputError: no such key"}
-    assert compared(row, KEPT).worse == ("failed",)
-
-
-def test_finished_rows_are_taken_from_their_files(monkeypatch, place):
-    options = acceptance.arguments(["--workers", "1"])
-    place.out.mkdir()
-    row = next(row for row in all_rows() if isinstance(row, Row))
-    monkeypatch.setattr(acceptance, "measure", lambda *_: dict(KEPT))
-    assert acceptance.kept_or_measured(row, place, 2, options) == KEPT
-    monkeypatch.setattr(acceptance, "measure", lambda *_: {"failed": "computed again"})
-    assert acceptance.kept_or_measured(row, place, 2, options) == KEPT
-    assert "failed" in acceptance.kept_or_measured(row, place, 3, options)
-    options.again = True
-    assert "failed" in acceptance.kept_or_measured(row, place, 2, options)
 
 
 def changed(**more):

@@ -35,10 +35,6 @@ def test_its_covariance_is_the_bound():
     np.testing.assert_allclose(claimed, limit, rtol=0.02)
 
 
-def test_readings_that_it_does_not_model_have_none():
-    assert beside("route.duration=60", "gravimeter.delay=20")[0] is None
-
-
 def test_the_ratio_to_it_is_of_the_same_runs():
     figures = paired(np.array([4.0, 16.0, 900.0]), np.array([1.0, 4.0]))
     assert figures["paired"] == 2.0 and figures["paired_error"] == 0.0

@@ -3,17 +3,13 @@
 import importlib
 import re
 
-import closed_loop
 import mismatch
-import numpy as np
 import pytest
-from closed_loop import write_between
 from mismatch_maps import Maps
 from mismatch_rows import MGAL_3, ROWS
 
-from helpers.batches import ORIGIN
 from helpers.packages import ROOT
-from isogal.scenario import Scenario, load_scenario
+from isogal.scenario import Scenario
 
 MAPS = Maps("fine.nc", "coarse.nc", "rated.nc", "magnetic.nc", 7e-5, 700.0)
 
@@ -44,19 +40,6 @@ def test_told_and_untold_are_one_world_and_who_is_told_nothing_has_its_defaults(
     assert nothing.height == type(nothing.height)(source=nothing.height.source)
 
 
-def test_a_page_gets_the_table_and_its_date_between_its_marks(tmp_path):
-    first, last = mismatch.MARKS
-    page = tmp_path / "page.md"
-    page.write_text(f"before\n{first}\nold\n{last}\nafter\n")
-    write_between(page, mismatch.MARKS, "| new \\1 |")
-    text = page.read_text()
-    head = r"Of \d{4}-\d\d-\d\d(, revision `[0-9a-f]{8}\+?`)?\."
-    assert re.fullmatch(rf"before\n{first}\n{head}\n\n\| new \\1 \|\n{last}\nafter\n", text)
-    page.write_text("no marks")
-    with pytest.raises(SystemExit, match="has no"):
-        write_between(page, mismatch.MARKS, "new")
-
-
 @pytest.mark.parametrize(
     "script",
     [
@@ -70,23 +53,3 @@ def test_the_page_that_a_script_names_has_its_marks(script):
     text = (ROOT / name).read_text(encoding="utf-8")
     assert 0 <= text.find(module.MARKS[0]) < text.find(module.MARKS[1])
     assert f"benchmarks/{script}.py" in text and f"--page {name}" in text
-
-
-def test_parts_are_computed_once_and_make_a_line(tmp_path, monkeypatch):
-    place = f"route.start={np.degrees(ORIGIN).tolist()}", "route.end=[-36.4, 147.2]"
-    scenario = load_scenario(None, [*place, "route.duration=300"])
-    parts = list(closed_loop.parts_of(scenario, 23, tmp_path))
-    assert [runs for runs, _ in parts] == [range(10), range(10, 20), range(20, 23)]
-    first = closed_loop.some_runs(scenario, range(2), parts[0][1])
-    monkeypatch.setattr(closed_loop, "simulate", lambda *_: pytest.fail("computed again"))
-    again = closed_loop.some_runs(scenario, range(2), parts[0][1])
-    np.testing.assert_array_equal(first.error, again.error)
-    other = scenario.model_copy(update={"truth": {"gravimeter": {"sigma": "3x"}}})
-    assert {path for _, path in closed_loop.parts_of(other, 8, tmp_path)}.isdisjoint(
-        path for _, path in parts
-    )
-    figures = closed_loop.figures_of(scenario, again, np.full(again.time.shape, 10.0), 60.0)
-    assert figures["ratio"] == pytest.approx(0.1 * figures["rms"])
-    cells = closed_loop.cells_of(figures, mismatch.COLUMNS)
-    assert cells[0] == "2" and cells[2] == "10.0" and cells[-1].endswith(" %")
-    assert figures["unaided"] > 10.0  # m: not the share of runs that are judged so

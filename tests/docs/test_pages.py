@@ -1,4 +1,5 @@
-"""What the pages show, run or not: options of commands exist, scenarios are valid, code parses."""
+"""What the pages show, run or not: options of commands exist, scenarios are valid, code parses; of
+the library page, that its examples find what it says."""
 
 import ast
 import json
@@ -13,7 +14,7 @@ import pytest
 from typer.main import get_command
 
 from helpers.packages import ROOT
-from helpers.pages import COMMANDS, blocks, named_files
+from helpers.pages import COMMANDS, blocks, commands, named_files, run_here
 from isogal.cli.main import app
 from isogal.scenario import load_scenario
 
@@ -102,3 +103,18 @@ def test_the_reference_lists_every_package_of_the_library() -> None:
     there = {init.parent.name for init in library.glob("*/__init__.py")}
     modules = {name for name in listed if (library / f"{name}.py").is_file()}
     assert {*listed} - modules == there - {"cli", "paper"}  # as in .ci/mkdocs_pages.py
+
+
+def test_the_library_page_says_what_its_examples_find(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Other pages are run by `make test-docs`."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    run_here(commands(ROOT / "docs" / "library.md", short=True))
+    study, match = capsys.readouterr().out.split("NEES")
+    assert "bound" in study
+    _, place, _ = match.splitlines()[-1].replace(",", ":").split(":")
+    latitude, longitude = (float(word) for word in place.split())
+    assert abs(latitude + 36.45) < 0.001
+    assert abs(longitude - 147.35) < 0.001

@@ -6,6 +6,7 @@ import sys
 import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,7 @@ def dependencies(package: Path) -> set[str]:
     return {str(element.text) for element in root if element.tag.endswith("depend")}
 
 
+@cache
 def imports(package: Path) -> set[str]:
     found = set()
     for source in package.rglob("*.py"):

@@ -1,9 +1,9 @@
 """A small map and short scenarios for the graph; every test worker has a ROS domain of its own."""
 
+import fcntl
 import os
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,6 @@ pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
 from helpers.batches import ORIGIN, field_map_of, wavy
 from helpers.domains import claim_domain
 from helpers.field_scenarios import ALPS, GRADIENT, SCOTLAND
-from helpers.made_once import made_once
 from helpers.node_bench import Bench, run_here
 from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.formats.netcdf_writing import write_netcdf
@@ -23,9 +22,6 @@ from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.graph.domain import DOMAIN, participants
 
 PATIENCE = 10.0
-
-Recorded = tuple[Scenario, Path]
-"""A scenario and the bag of its run."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -155,24 +151,14 @@ def gradient(scenario: Callable[..., Scenario]) -> Scenario:
 
 @pytest.fixture(scope="session")
 def recording(tmp_path_factory: pytest.TempPathFactory, scenario: Callable[..., Scenario]) -> Path:
-    """A bag of the scenario, run in one process."""
-    run = partial(_run_to, scenario())
-    return made_once(tmp_path_factory, "recording", run) / "bag"
-
-
-@pytest.fixture(scope="session")
-def recorded(
-    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
-) -> Callable[[str], Recorded]:
-    """The scenario of a field that is not gravity and the bag of its run, made at first use."""
-
-    def record(field: str) -> Recorded:
-        scenario = request.getfixturevalue(field)
-        run = partial(_run_to, scenario)
-        return scenario, made_once(tmp_path_factory, f"recording-{field}", run) / "bag"
-
-    return record
-
-
-def _run_to(scenario: Scenario, folder: Path) -> None:
-    run_here(scenario, folder / "bag")
+    """A bag of the scenario, run in one process by the first worker that asks for it; the others
+    wait."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "popen-gw" in base.name else base) / "made-recording"
+    with Path(f"{folder}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.exists():
+            part = tmp_path_factory.mktemp("recording")
+            run_here(scenario(), part / "bag")
+            part.rename(folder)
+    return folder / "bag"

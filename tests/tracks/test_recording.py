@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import zstandard
 
 from helpers.bags import (
     ANOMALY,
@@ -93,17 +92,6 @@ def test_a_bag_in_several_files_and_one_cut_short(tmp_path):
         sizes.append(len(tracks_of(file)["gravity"]))
     assert 1 <= sizes[0] < sizes[1] < 19
     assert sizes[2] == 19  # the summary at the end is not needed
-
-
-def test_a_bag_that_is_compressed_as_a_whole(tmp_path):
-    file = write_bag(tmp_path / "b.mcap", *drive())
-    expected, packed = tracks_of(file)["gravity"], tmp_path / "b.mcap.zstd"
-    packed.write_bytes(zstandard.compress(file.read_bytes()))
-    assert is_recording(packed)
-    np.testing.assert_array_equal(tracks_of(packed)["gravity"].value, expected.value)
-    packed.write_bytes(b"hello")
-    with pytest.raises(InputError, match="not compressed by zstd, or damaged"):
-        read_recording(packed)
 
 
 SAYS = SimpleNamespace(data="x")

@@ -42,6 +42,9 @@ def test_only_what_is_not_ok_and_batches_are_kept_whatever_the_frame(frame) -> N
     assert [(one.source, one.text) for one in collector.said] == [("y", "not well")] * 2
     hear(fine, batch)
     assert list(collector.batches) == [1_500_000_000]
+    collector.namespace = "ship"  # of another graph in the domain nothing is kept
+    hear(warns)
+    assert len(collector.said) == 2
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ WRONG_MAP = (
 )
 BLACK_BOX = "ins.source=solution", "ins.attitude=false"
 FAST_BLACK_BOX = "ins.source=solution", "imu.rate=40.0", "fusion.rate=1.0", "gravity.field=map"
-FAST = "imu.rate=200.0", "imu.grade=navigation", "gravimeter.interval=5.0", "route.duration=35.0"
+FAST = "imu.rate=50.0", "imu.grade=navigation", "gravimeter.interval=5.0", "route.duration=35.0"
 
 
 @pytest.mark.parametrize(
@@ -92,9 +92,9 @@ FAST = "imu.rate=200.0", "imu.grade=navigation", "gravimeter.interval=5.0", "rou
             {"imu/data_raw": 0, "ins/solution_fix": 71, "ins/solution_velocity": 71},
         ),
         (FAST_BLACK_BOX, {"imu/data_raw": 0, "ins/solution": 71}),
-        (FAST, {"imu/data_raw": 7_000, "ground_truth/fix": 36}),
+        (FAST, {"imu/data_raw": 1_750, "ground_truth/fix": 36}),
     ],
-    ids=["a wrong map", "an INS", "an INS of a fast IMU", "200 Hz"],
+    ids=["a wrong map", "an INS", "an INS of a fast IMU", "50 Hz"],
 )
 def test_other_scenarios(scenario, tmp_path, changes, counted) -> None:
     varied, bag = scenario("route.duration=70.0", *changes), tmp_path / "bag"
@@ -103,15 +103,17 @@ def test_other_scenarios(scenario, tmp_path, changes, counted) -> None:
     found = counts(bag)
     assert {name: found[f"/{name}"] for name in counted} == counted
     assert found["/ins/error"] == (found["/nav/odom"] if varied.ins.gives_solution else 0)
-    assert_replayed(bag, 1e-4)
+    if changes != WRONG_MAP:  # whose topics are those of the plain scenario
+        assert_replayed(bag, 1e-4)
 
 
 @pytest.mark.parametrize(
     ("field", "fixes", "rounding", "unaided"),
     [("magnetic", 4, 1e-6, 150.0), ("terrain", 4, 1e-6, 150.0), ("gradient", 4, 1e-15, 60.0)],
 )
-def test_other_fields(recorded, field, fixes, rounding, unaided) -> None:
-    scenario, bag = recorded(field)
+def test_other_fields(request, tmp_path, field, fixes, rounding, unaided) -> None:
+    scenario, bag = request.getfixturevalue(field), tmp_path / "bag"
+    run_here(scenario, bag)
     graph, library = assert_closed_loop(bag, scenario)
     assert set(counts(bag)) == {absolute(topic) for topic in topics_of(scenario)}
     assert not any("gravimeter" in name for name in counts(bag))
@@ -122,7 +124,8 @@ def test_other_fields(recorded, field, fixes, rounding, unaided) -> None:
     error, covariance = graph.posterior_error[0], graph.posterior_covariance[0]
     normalised = np.einsum("bi,bij,bj->b", error, np.linalg.inv(covariance), error)
     assert normalised.max() < ONE_IN_10000
-    assert assert_replayed(bag, 1e-4).comparison.common == fixes
+    if field != "terrain":  # whose messages are played as those of the others are
+        assert assert_replayed(bag, 1e-4).comparison.common == fixes
 
 
 def test_an_altimeter_with_several_beams(tmp_path) -> None:
@@ -154,7 +157,6 @@ def test_a_magnetic_vehicle_whose_field_the_matcher_estimates_from_a_cold_start(
     assert graph.published.any()
     np.testing.assert_allclose(graph.detail.reading, library.detail.reading, atol=1e-6, rtol=0)
     assert "/magnetometer/terms" in counts(bag)
-    assert_replayed(bag, 1e-3)
     # the readings of both instruments are reduced anew for a matcher that does otherwise
     assert_replayed_as_run(bag, changed_scenario(scenario, ["matcher.map_sigma=4"], "test"), 1e-3)
 

@@ -7,7 +7,6 @@ import pytest
 
 from helpers.command_line import call
 from helpers.commands import sets
-from helpers.field_scenarios import GRADIENT
 from helpers.recordings import rewritten
 from isogal.cli import run
 from isogal.scenario import load_scenario
@@ -39,10 +38,6 @@ BAD = [
         ("run", "SETTINGS", *sets(("route.end=[-30.0, 147.0]", "route.duration=10000.0"))),
         "does not cover the route",
     ),
-    (
-        ("run", "SETTINGS", *sets((*GRADIENT, "matcher.name=tercom"))),
-        "tercom takes one number per scan; for readings of several channels give pmht",
-    ),
     (("run", "SETTINGS", "--out", "TMP/file/out"), "cannot be written"),
     (
         ("run", "SETTINGS", "--bag", "TMP/bag", "--out", "TMP/out"),
@@ -58,7 +53,6 @@ BAD = [
         "route: takes 5 s, and the first reading comes after 10 s",
     ),
     (("replay", "TMP/none"), "no such bag"),
-    (("replay", "TMP/no.mcap"), "not an MCAP file"),
 ]
 
 
@@ -66,7 +60,6 @@ BAD = [
 def test_bad_input_is_one_line_and_exit_2(settings, tmp_path, words, expected) -> None:
     """Before any node starts."""
     (tmp_path / "file").write_text("x")
-    (tmp_path / "no.mcap").write_bytes(b"no bag")
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "bag_0.mcap").touch()
     line = []

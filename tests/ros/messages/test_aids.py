@@ -19,7 +19,6 @@ from helpers.node_bench import bench
 from isogal.earth.frames import LocalFrame
 from isogal.scenario import Height
 from isogal.scenario.aids import HeadingAid
-from isogal.sensors.barometer import pressure_of
 from isogal_ros import topics
 from isogal_ros.messages.aids import (
     fill_heading,
@@ -63,26 +62,6 @@ def test_what_is_wrong_with_a_unit_is_said_and_does_no_harm(scenario) -> None:
         figures = it.node.health.figures
         assert figures["barometer/data_raw used"] == 7
         assert figures["velocity/data_raw used"] == 3
-
-
-def test_a_pressure_there_and_back() -> None:
-    pressure = FluidPressure()
-    fill_pressure(pressure, 5, 1234.5, BAROMETER)
-    assert read_pressure(pressure, BAROMETER)[1:] == pytest.approx((1234.5, 0.0))
-    pressure.variance = 100.0
-    slope = (pressure_of(1235.0, BAROMETER) - pressure_of(1234.0, BAROMETER)) ** -1
-    assert read_pressure(pressure, BAROMETER)[2] == pytest.approx(100.0 * slope**2, rel=1e-3)
-
-
-def test_a_velocity_there_and_back() -> None:
-    velocity = TwistWithCovarianceStamped()
-    velocity.header.frame_id = "base_link"
-    fill_twist(velocity, 5, np.array([20.0, 1.0, np.nan]))
-    back, covariance = read_velocity(velocity)
-    np.testing.assert_array_equal(back, [20.0, -1.0, np.nan])
-    assert not covariance.any()
-    velocity.twist.covariance[1] = 0.5
-    assert read_velocity(velocity)[1][0, 1] == -0.5
 
 
 def pose(x, y, z, variances=(0.0, 0.0, 0.0)):

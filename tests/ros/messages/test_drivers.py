@@ -13,13 +13,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import FluidPressure, Imu
 from std_msgs.msg import Float32, Float64
 
-from helpers.bag_writing import begin
 from helpers.node_bench import bench
 from isogal.errors import InputError
 from isogal.scenario import Height, Scenario
 from isogal_ros import topics
-from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.record import wanted_messages
 from isogal_ros.messages.aids import read_heading, read_pressure, read_velocity
 from isogal_ros.messages.drivers import Driver, Entrance
 from isogal_ros.messages.frames import BASE, FrameNames
@@ -164,18 +161,3 @@ def test_frames_have_other_names_outside(scenario) -> None:
         assert made.heard["nav/fix"][-1].header.frame_id == "ship/base_link"
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("ship/world", "ship/base_link")
     assert {one.header.frame_id for one in (path, *path.poses)} == {"ship/world"}
-
-
-def test_numbers_of_a_recording_have_the_time_of_their_recording(scenario, tmp_path) -> None:
-    writer = begin(tmp_path / "bag")
-    writer.add_topic("/gravi", "std_msgs/msg/Float64", [], "")
-    for second in (10, 20):
-        data = serialize_message(Float64(data=979_520.0))
-        writer.write("/gravi", data, second * 10**9, second * 10**9)
-    writer.close()
-    said = ["/gravi:=gravimeter/data_raw"], ["gravimeter/data_raw.unit=mGal"]
-    reader = BagReader.foreign(tmp_path / "bag", *said)
-    found = [data for _, data in wanted_messages(reader, [topics.GRAVIMETRY])]
-    messages = [deserialize_message(data, topics.GRAVIMETRY.type) for data in found]
-    assert [one.header.stamp.sec for one in messages] == [10, 20]
-    assert gravity(scenario()).read_raw(messages[0])[0] == pytest.approx(9.7952)

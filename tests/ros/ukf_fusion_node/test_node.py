@@ -54,6 +54,7 @@ def test_the_protection_level_is_that_of_the_odometrys_covariance(scenario, adva
     [
         (lambda b: b.imu(3, (math.nan, 0.0, -9.8)), "imu/data_raw", "not finite"),
         (lambda b: b.imu(3, (80.0, 0.0, -9.8)), "imu/data_raw", "beyond gravity"),
+        (lambda b: b.imu(3, rate=(0.0, 0.0, 9.0)), "imu/data_raw", "angular rate"),
         (lambda b: b.fix(2, -0.6, 2.5, variance=0.0), "pmht_mm/fix", "not positive definite"),
         (lambda b: b.fix(99, -0.6, 2.5), "pmht_mm/fix", "ahead of the navigator"),
     ],

@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 from helpers.node_bench import bench, played, stamps
 from isogal_ros import topics
 from isogal_ros.faults.campaign import Feed
-from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.nodes.health import WARN
 from ukf_fusion_node.sample_checks import (
     LASTS,
@@ -23,18 +22,6 @@ from ukf_fusion_node.sample_checks import (
 
 LEVEL = np.array([0.0, 0.0, -9.8])
 NOISE = np.random.default_rng(1).normal(0.0, 1e-5, (500, 6))
-
-
-@pytest.mark.parametrize(
-    ("force", "rate", "words"),
-    [
-        ((80.0, 0.0, -9.8), (0.0, 0.0, 0.0), "beyond gravity"),
-        ((0.0, 0.0, -9.8), (0.0, 0.0, 9.0), "angular rate"),
-    ],
-)
-def test_a_spike_is_refused(force, rate, words) -> None:
-    with pytest.raises(BadMessageError, match=words):
-        SampleMonitor(30.0, 3.0).take(np.array(force), np.array(rate))
 
 
 def test_silence() -> None:
