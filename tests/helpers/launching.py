@@ -4,12 +4,9 @@ later)."""
 
 import importlib.util
 import os
-import signal
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -17,11 +14,8 @@ from typing import Any
 import yaml
 
 from helpers.commands import PATIENCE
-from isogal_ros.graph.forkserver import start_node
-from isogal_ros.graph.plan import CLASSES
+from helpers.processes import Forked, end_as_launch_does, is_up, ros_arguments
 
-LAUNCH_WAITS = 5.0
-"""s after each of these signals."""
 BRINGUP = Path(__file__).resolve().parents[2] / "src" / "isogal_bringup"
 
 
@@ -89,10 +83,14 @@ class Launch:
     """For the nodes' output."""
     patch: Any
     """Puts the stand-ins where the file imports them from."""
+    environment: dict[str, str] = field(default_factory=dict)
+    """Of the nodes, beside this process's own."""
     declared: dict[str, tuple[Any, str]] = field(default_factory=dict)
     """Default and description of each argument."""
     nodes: dict[str, dict[str, Any]] = field(default_factory=dict)
-    running: dict[str, BaseProcess] = field(default_factory=dict)
+    running: dict[str, Any] = field(default_factory=dict)
+    codes: dict[str, int] = field(default_factory=dict)
+    respawned: dict[str, int] = field(default_factory=dict)
     died: list[tuple[str, int]] = field(default_factory=list)
     """Nodes that ended before the launch did, with their exit codes."""
     reason: str | None = None
@@ -125,42 +123,66 @@ class Launch:
         value = default if isinstance(default, str) else default.perform(context)
         context.values[name] = self.arguments.get(name, value)
 
-    def run(self, when: str, kill: Sequence[str]) -> None:
-        """Run to the end, once described; kill nodes one after the other once the log says a
-        word, each when all that were killed are back."""
-        starts, waiting, pause = dict.fromkeys(self.nodes, 0.0), list(kill), 0.0
+    def start(self) -> None:
+        """Start the nodes and wait until each can be asked to end."""
+        for name in self.nodes:
+            self._start(name)
         end = time.monotonic() + PATIENCE
-        while self.reason is None:
-            now = time.monotonic()
-            assert now < end, self.output()
-            for name in [name for name, due in starts.items() if now >= due]:
-                del starts[name]
-                self._start(name)
+        while not self._settled():
+            assert time.monotonic() < end, self.output()
             time.sleep(0.05)
-            if waiting and not starts and now > pause and when in self.output() and self._up():
-                self.running[waiting.pop(0)].kill()
-                pause = now + 2.5
-            for name, process in self.running.items():
-                if name not in starts and process.exitcode is not None:
-                    self.died.append((name, process.exitcode))
-                    self.reason = self.reason or self.reason_of(name, process.exitcode)
-                    starts[name] = now + self.nodes[name]["respawn_delay"]
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-            self._send(number)
+
+    def end(self) -> dict[str, int]:
+        """End the nodes as Ctrl-C does; return their exit codes."""
+        names = list(self.running)
+        codes = end_as_launch_does([self.running[name] for name in names])
+        return dict(zip(names, codes, strict=True))
+
+    def run(self, when: str = "", kill: list[str] | None = None) -> None:
+        """Run to the end, once described; kill nodes one after the other once the log says a
+        word."""
+        for name in self.nodes:
+            self._start(name)
+        self.run_on(when, kill)
+
+    def run_on(self, when: str = "", kill: list[str] | None = None) -> None:
+        """Do so with nodes that have been started."""
+        kill, again, end = list(kill or ()), {}, time.monotonic() + PATIENCE
+        due = 0.0
+        while self.reason is None:
+            assert time.monotonic() < end, self.output()
+            time.sleep(0.05)
+            if kill and when in self.output() and self._settled() and time.monotonic() > due:
+                self.running[kill.pop(0)].kill()
+                due = time.monotonic() + 2.5
+            self._look(again)
+        died = {name for name, _ in self.died}
+        self.codes |= self.end()
+        for name, code in self.codes.items():
+            if name not in died or name in self.respawned:
+                self.reason_of(name, code, ending=True)
+
+    def _settled(self) -> bool:
+        return all(process.poll() is None and is_up(process) for process in self.running.values())
+
+    def _look(self, again: dict[str, float]) -> None:
+        """Deal with processes that have ended."""
         for name, process in self.running.items():
-            self.reason_of(name, process.exitcode, ending=True)
-
-    def _up(self) -> bool:
-        """Whether all nodes can be asked to end."""
-        return all(catches(process.pid, signal.SIGTERM) for process in self.running.values())
-
-    def _send(self, number: int) -> None:
-        """Send a signal to the nodes that are there, and wait until they end, or a while."""
-        for process in self.running.values():
-            if process.exitcode is None:
-                os.kill(process.pid, number)
-        for process in self.running.values():
-            process.join(LAUNCH_WAITS)
+            code = process.poll()
+            if code is None:
+                continue
+            if name not in again:
+                self.died.append((name, code))
+                self.reason = self.reason or self.reason_of(name, code)
+                again[name] = time.monotonic() + self.nodes[name]["respawn_delay"]
+            if (
+                self.reason is None
+                and self.nodes[name]["respawn"]
+                and time.monotonic() > again[name]
+            ):
+                del again[name]
+                self.respawned[name] = self.respawned.get(name, 0) + 1
+                self._start(name)
 
     def reason_of(self, name: str, code: int, ending: bool = False) -> str | None:
         """Why the end of a node with an exit code ends all; None = it does not."""
@@ -177,11 +199,10 @@ class Launch:
         file, own = keys["parameters"]
         own_file = self.folder / f"{name}.yaml"
         own_file.write_text(yaml.safe_dump({"/**": {"ros__parameters": own}}))
-        words = ["--ros-args", "-r", f"__node:={name}", "-r", f"__ns:=/{keys['namespace']}"]
-        words += ["--params-file", file, "--params-file", str(own_file), *keys["ros_arguments"]]
-        environment = os.environ | keys["additional_env"]
-        log = self.folder / f"{name}.log"
-        self.running[name] = start_node(name, CLASSES[name][0], words, environment, log)
+        words = ros_arguments(name, files=(file, str(own_file)))
+        words += ["-r", f"__ns:=/{keys['namespace']}", *keys["ros_arguments"]]
+        environment = os.environ | keys["additional_env"] | self.environment
+        self.running[name] = Forked(name, words, environment, self.folder / f"{name}.log")
 
     def output(self) -> str:
         """What all nodes have said."""
@@ -190,14 +211,6 @@ class Launch:
 
     def kill(self) -> None:
         """End what is left."""
-        self._send(signal.SIGKILL)
-
-
-def catches(pid: int, number: int) -> bool:
-    """Whether a process has a handler for a signal: a node's first lines have run."""
-    try:
-        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    except OSError:
-        return False
-    masks = [line.split()[1] for line in lines if line.startswith("SigCgt:")]
-    return bool(masks) and bool(int(masks[0], 16) >> (number - 1) & 1)
+        for process in self.running.values():
+            process.kill()
+            process.wait()

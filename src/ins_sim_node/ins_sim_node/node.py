@@ -42,7 +42,6 @@ class InsSimNode(GraphNode[InsSimSettings]):
     def setup(self) -> None:
         """Simulate the run and make publishers and subscriptions."""
         self.vehicle = simulate_vehicle(self.scenario, self.scenario.true, self.settings.run)
-        self._stamps = [from_seconds(time) for time in self.vehicle.trajectory.time.tolist()]
         self.rate = self.settings.rate
         self._checkpoint = Checkpoint(self)
         found = self._checkpoint.found
@@ -156,7 +155,7 @@ class InsSimNode(GraphNode[InsSimSettings]):
         self.step = min(first + steps - 1, len(self.vehicle))
         self._checkpoint.save(0, self.step)  # before it is published: it is never published twice
         self._moved = time.monotonic()
-        stamps = self._stamps[first : self.step + 1]
+        stamps = [from_seconds(t) for t in self.vehicle.trajectory.time[first : self.step + 1]]
         ns = stamps[-1]
         if self.lock_step is not None:
             self.lock_step.begin(self.step, ns)

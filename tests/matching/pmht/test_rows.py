@@ -42,6 +42,27 @@ def rows(batch, field_map=ROUGH, last=None):
     return made, epoch, states
 
 
+def predicted(made, field_map, state):
+    """What the rows say of a state without noise."""
+    moved = made.place @ state
+    value = field_map.value(
+        made.latitude - moved[:, 0] * made.radian[:, 0],
+        made.longitude - moved[:, 1] * made.radian[:, 1],
+    )
+    return value + made.reading @ state
+
+
+def test_rows_foretell_the_readings_of_a_navigator_with_an_error():
+    error = np.array([250.0, -300.0, 0.03, 0.02])
+    batch, _ = make_batch(ROUGH, error, seed=None, jacobian=(1e-9, 0.0, 3e-6, 1e-4))
+    made, _, states = rows(batch)
+    state = np.zeros(states.count)
+    state[:4] = error
+    np.testing.assert_allclose(made.level, predicted(made, ROUGH, state), atol=2e-8)
+    assert np.abs(made.level - predicted(made, ROUGH, 0.0 * state)).max() > 1e-5
+    np.testing.assert_allclose(made.noise, 1e-10)
+
+
 @pytest.mark.parametrize("quantity", ["disturbance", "field"])
 def test_a_reduction_is_not_linear_in_a_velocity_that_is_far_off(quantity):
     """A reduction by a velocity that is v off adds v² / R less than its derivative says."""

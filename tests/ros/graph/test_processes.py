@@ -15,11 +15,12 @@ import numpy as np
 import psutil
 import pytest
 
-from helpers.command_line import call
+from helpers.command_line import answer, call
 from helpers.commands import sets, wait_for
 from helpers.own_memory import left_of, own_memory
 from helpers.recordings import collect, nav_positions
 from helpers.small_graph import ENOUGH, has_recorded, nodes_of, small_plan, start
+from isogal.evaluation.figures import style
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
@@ -96,6 +97,20 @@ def test_what_a_run_leaves_behind(finished) -> None:
     # 310 MB with all functions of the matcher loaded; a plotting package would be 60 MB more
     assert max(finished.memory.values()) < 330e6, finished.memory
     assert all(one == {"udp"} for one in finished.transports.values())
+
+
+def test_the_replay_command(finished, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(style, "png", lambda *_: b"drawn before")
+    out = finished.out
+    document = json.loads(answer("replay", out / "bag", "--json", "--out", tmp_path / "again"))
+    fixes = document["fixes"]
+    assert fixes["recorded"] == fixes["replayed"] == fixes["common"] > 0
+    assert document["largest_difference_m"] < 1e-6
+    assert document["disagreements"] == 0
+    assert document["summary"]["position_error"] == pytest.approx(
+        json.loads((out / "summary.json").read_text())["position_error"], nan_ok=True
+    )
+    assert (tmp_path / "again" / "report.html").exists()
 
 
 def test_nodes_end_with_their_parent(orphaned) -> None:

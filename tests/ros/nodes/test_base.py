@@ -1,5 +1,7 @@
 """Nodes are managed nodes, start by themselves unless told not to, and give memory back."""
 
+from types import SimpleNamespace
+
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
@@ -11,6 +13,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.domain import local_context
+from isogal_ros.nodes import heartbeat
 from isogal_ros.nodes.base import FAILURE, SUCCESS
 from isogal_ros.nodes.health import ERROR, OK, WARN, Health, figures_of
 from isogal_ros.nodes.spin import make_executor
@@ -97,6 +100,19 @@ def test_a_recorder_that_cannot_be_configured_and_one_that_is_cleaned_up(
     reader = BagReader(tmp_path)
     assert [item.topic for item in reader.messages()].count("/imu/data_raw") == 1
     assert reader.cut is None
+
+
+def test_a_node_gives_memory_back_when_it_is_time(scenario, monkeypatch) -> None:
+    """By what the C library has for it."""
+    given = []
+    library = SimpleNamespace(malloc_trim=lambda kept: given.append(kept.value))
+    monkeypatch.setattr(heartbeat.ctypes, "CDLL", lambda name: library)
+    with bench(topics.UKF_FUSION, scenario()) as made:
+        made.bus.tick()
+        assert not given
+        monkeypatch.setattr(heartbeat, "FREE_EVERY", 0.0)
+        made.bus.tick()
+        assert given == [0]
 
 
 class Listener:

@@ -2,16 +2,13 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from helpers.commands import wait_for
-from helpers.launching import catches
 from helpers.node_bench import bench
+from helpers.processes import end_all, is_up, start_node, until
 from isogal_ros import topics
 from isogal_ros.graph.running import shared_memory, sweep_shared_memory
 from isogal_ros.nodes import heartbeat, spin
@@ -25,17 +22,14 @@ def test_an_early_interrupt_says_nothing(tmp_path, delay, number) -> None:
     """From the first import on; it once printed where the imports were. A terminal that is closed
     ends a node as Ctrl-C does."""
     before, log = shared_memory(), tmp_path / "log"
-    with log.open("wb") as said:  # by its console script, as `ros2 run` does
-        words = [Path(sys.executable).parent / topics.UKF_FUSION, "--ros-args"]
-        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=said, stderr=said)
+    process = start_node(topics.UKF_FUSION, log=log)
     try:
-        wait_for(lambda: catches(process.pid, signal.SIGTERM), "the first lines")
+        until(lambda: is_up(process), "the first lines", process)
         time.sleep(delay)
         process.send_signal(number)
         assert process.wait(60) in (INTERRUPTED, 0)
     finally:
-        process.kill()
-        process.wait()
+        end_all([process])
     assert "Traceback" not in log.read_text()
     assert "Error" not in log.read_text()
     sweep_shared_memory(before)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from helpers.node_bench import bench
 from isogal.fields.known_gravity import KnownGravity, Residual
 from isogal.matching.interfaces import Fix
 from isogal_ros import topics
@@ -16,6 +17,7 @@ from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
 from isogal_ros.messages.position import read_covariance, read_position
 from isogal_ros.messages.stamps import from_seconds
 from isogal_ros.nodes.health import ERROR, WARN
+from isogal_ros.topics import UKF_FUSION
 from ukf_fusion_node import stamp_queue
 from ukf_fusion_node.stamp_queue import StampQueue
 
@@ -112,3 +114,11 @@ def test_false_fixes_are_rejected_and_an_error_until_one_is_taken(
     assert read_position(end)[0] == pytest.approx(false[0], abs=NEAR)
     assert "in a row on" not in words
     assert figures["pmht_mm/fix rejected"] == "3"
+
+
+def test_a_user_may_have_no_gate(scenario, advance, start) -> None:
+    with bench(UKF_FUSION, scenario("fusion.false_rejection=0")) as made:
+        advance(made, 1, 3)
+        send(made, 3, (start[0] + FAR, start[1]))
+        found = read_position(made.heard["nav/fix"][-1])
+    assert found[0] == pytest.approx(start[0] + FAR, abs=NEAR)

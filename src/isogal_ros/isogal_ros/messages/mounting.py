@@ -61,7 +61,7 @@ def read_transforms(data: bytes) -> dict[str, Link]:
         for _ in range(int(count)):
             content.stamp()
             parent, child = content.text(), content.text()
-            numbers = content.numbers(7)
+            numbers = np.array(content.take("7d"))
             turn = np.roll(numbers[3:], 1)  # w first
             try:
                 if not (np.abs(numbers[:3]) < FARTHEST).all():

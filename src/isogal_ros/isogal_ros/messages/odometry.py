@@ -169,11 +169,11 @@ def read_odometry(data: bytes) -> Received:
     objects; raises BadMessageError where it is cut off."""
     content = Reader(data)
     names = content.stamp(), content.text(), content.text()
-    numbers = content.numbers(_NUMBERS)
-    of_pose, twist = numbers[_POSE : _TWIST - 6].reshape(6, 6), numbers[_TWIST:].reshape(6, 6)
-    velocity, turn_rate = numbers[_TWIST - 6 : _TWIST - 3], numbers[_TWIST - 3 : _TWIST]
+    numbers = np.array(content.take(f"{_NUMBERS}d"))
+    pose, velocity, turn_rate, twist = np.split(numbers[_POSE:], (36, 39, 42))
+    of_pose, of_velocity = pose.reshape(6, 6), twist.reshape(6, 6)[:3, :3]
     turn = numbers[[6, 3, 4, 5]]
-    return Received(*names, numbers[:3], turn, of_pose, velocity, turn_rate, twist[:3, :3])
+    return Received(*names, numbers[:3], turn, of_pose, velocity, turn_rate, of_velocity)
 
 
 def read_velocity(

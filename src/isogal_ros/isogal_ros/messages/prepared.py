@@ -20,13 +20,9 @@ from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.stamps import SECOND, set_stamp
 from isogal_ros.topics import Message
 
-_HEAD = 4
-"""Bytes before a message, of which the second says the byte order."""
-_STAMP, _STAMPS = struct.Struct("=iI"), (struct.Struct(">iI"), struct.Struct("<iI"))
-"""What packs a stamp: here, and by whether a message has the lowest byte of a number first."""
+_STAMP, _STAMP_AT = struct.Struct("=iI"), 4
+"""Behind four bytes that say how the message is represented."""
 _NOTHING = np.empty(0)
-_SHORT = "cut off, or too few numbers"
-"""What is wrong with a message that ends too soon."""
 
 
 class Prepared:
@@ -75,7 +71,7 @@ class Prepared:
     def serialised(self) -> bytes:
         """Return the message as it is now."""
         if self._has_stamp:
-            _STAMP.pack_into(self._head, _HEAD, *divmod(self.ns, SECOND))
+            _STAMP.pack_into(self._head, _STAMP_AT, *divmod(self.ns, SECOND))
         return b"".join((self._head, self.numbers.tobytes(), self._tail))
 
     def write(self, ns: int, numbers: Array) -> None:
@@ -113,8 +109,8 @@ def numbers_of(message: Message | Prepared) -> Array:
 
 def write(message: Message | Prepared, ns: int, *parts: ArrayLike) -> None:
     """Write a stamp into the header of a message, and all its float64: numbers and arrays in the
-    order of its fields, row by row. One array alone becomes the numbers of a `Prepared`."""
-    each = [np.asarray(part, dtype=float).ravel() for part in parts]
+    order of its fields, row by row."""
+    each = [np.array(part, dtype=float).ravel() for part in parts]
     numbers = each[0] if len(each) == 1 else np.concatenate([_NOTHING, *each])
     if isinstance(message, Prepared):
         message.write(ns, numbers)
@@ -149,6 +145,10 @@ def _fields(message: Message) -> Iterator[tuple[tuple[str, ...], str]]:
             yield from (((name, *way), inner) for way, inner in _fields(getattr(message, name)))
 
 
+_HEAD = 4
+"""Bytes before a message, of which the second says the byte order."""
+
+
 @cache
 def _numbers(form: str) -> tuple[struct.Struct, int]:
     """Return what unpacks numbers of a format, and the size of one."""
@@ -172,24 +172,12 @@ class Reader:
         """Return numbers of one size, by their format as in `struct`: they are aligned to their
         size from where the message begins."""
         numbers, size = _numbers(self._order + form)
-        start = self._begin(size)
+        start = _HEAD + -(-(self._at - _HEAD) // size) * size
         self._at = start + numbers.size
         try:
             return numbers.unpack_from(self._data, start)
         except struct.error:
-            raise BadMessageError(_SHORT) from None
-
-    def numbers(self, count: int) -> Array:
-        """Return (N,) so many float64."""
-        start = self._begin(8)
-        self._at = start + 8 * count
-        if self._at > len(self._data):
-            raise BadMessageError(_SHORT)
-        return np.frombuffer(self._data, f"{self._order}f8", count, start).astype(float)
-
-    def _begin(self, size: int) -> int:
-        """Return where the next number of a size begins."""
-        return _HEAD + -(-(self._at - _HEAD) // size) * size
+            raise BadMessageError("cut off, or too few numbers") from None
 
     def stamp(self) -> int:
         """Return a stamp, ns."""
@@ -209,8 +197,4 @@ class Reader:
 def peek_ns(data: bytes) -> int:
     """Return the stamp of a serialised message that begins with a header or a stamp; raises
     BadMessageError where it is cut off."""
-    try:
-        seconds, rest = _STAMPS[data[1:2] == b"\1"].unpack_from(data, _HEAD)
-    except struct.error:
-        raise BadMessageError(_SHORT) from None
-    return int(seconds) * SECOND + int(rest)
+    return Reader(data).stamp()
