@@ -1,6 +1,7 @@
 """A drive that a phone has logged: from its file through a recording and the nodes."""
 
 import math
+import shutil
 import sys
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import netCDF4
 import numpy as np
 import pytest
 
+from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.netcdf_writing import write_netcdf
 from isogal.scenario import changed_scenario, load_scenario
@@ -96,6 +98,34 @@ def roads(tmp_path_factory) -> Path:
         patch.setattr(sys, "argv", [*words])
         road_heights()
     return folder / "roads.nc"
+
+
+@pytest.mark.parametrize(
+    ("sensor", "unit", "factor", "words"),
+    [
+        ("acc", "g", 9.81, "must be 9.8 m/s²"),
+        ("gyro", "deg/s", math.pi / 180.0, "must be in rad/s"),
+    ],
+)
+def test_units_of_a_log(log, tmp_path, sensor, unit, factor, words) -> None:
+    """Another one counts where it is said, and is refused where it is not."""
+    other = shutil.copy(log, tmp_path / "other.nc")
+    with netCDF4.Dataset(other, "a") as file:
+        for axis in "xyz":
+            file[f"{sensor}_{axis}"][:] /= factor
+    with pytest.raises(InputError, match=words) as refused:
+        read_drive(other)
+    assert str(refused.value).startswith(str(other))
+    with netCDF4.Dataset(other, "a") as file:
+        for axis in "xyz":
+            file[f"{sensor}_{axis}"].units = unit
+    np.testing.assert_allclose(
+        read_drive(other).force, read_drive(log).force, rtol=1e-3, atol=1e-2
+    )
+    with netCDF4.Dataset(other, "a") as file:
+        file[f"{sensor}_x"].units = "stone"
+    with pytest.raises(InputError, match="unknown unit 'stone'"):
+        read_drive(other)
 
 
 def test_the_nodes_navigate_it_as_the_library_does(log, roads, tmp_path) -> None:

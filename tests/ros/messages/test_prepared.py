@@ -59,7 +59,7 @@ def test_a_message_may_have_the_highest_byte_of_a_number_first() -> None:
     assert peek_ns(b"\0\1\0\0" + struct.pack("<iI", 7, 5)) == 7_000_000_005
     content = Reader(b"\0\0\0\0" + struct.pack(">I4s3d", 4, b"odd\0", 1.0, -2.0, 3.0))
     assert content.text() == "odd"
-    assert content.numbers(3).tolist() == [1.0, -2.0, 3.0]
+    assert list(content.take("3d")) == [1.0, -2.0, 3.0]
 
 
 def test_times_in_seconds_are_the_stamps_that_they_were_made_of() -> None:
