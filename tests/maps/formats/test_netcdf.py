@@ -114,8 +114,8 @@ def test_longitudes_that_jump_at_180(tmp_path, small_map):
 @pytest.mark.parametrize(
     ("offset", "factor", "units", "asked", "words"),
     [
-        (0.0, 1.0, "furlong", {}, "unknown unit 'furlong'; known: m/s²"),
-        (0.0, 1.0, "nT", {}, "unit 'nT' does not fit a disturbance map"),
+        (0.0, 1.0, "furlong", {}, "unknown unit 'furlong'; must be one of m/s²"),
+        (0.0, 1.0, "nT", {}, "a disturbance map: unfitting unit 'nT'"),
         (0.0, 1.0, "m s-2", {"variable": "dg", "quantity": "gravity"}, "cannot be a gravity map"),
         (0.0, 1.0, "m s-2", {"variable": "lat"}, "'lat' is not a grid"),
         (0.0, 1.0, "m s-2", {"variable": "nix"}, "no variable 'nix'"),

@@ -99,7 +99,7 @@ def _read(
     assert readings.source is not None  # the caller has checked
     rows = read_rows(readings.source, "time and a column of readings")
     if rows.line is not None and line in rows.line:
-        rows = one_line(rows, line, "route.track_line")
+        rows = one_line(rows, line)
     known = quantity, *QUANTITIES[quantity].names, *_ALIASES.get(quantity, ()), "value"
     names = known if readings.column is None else (readings.column.casefold(),)
     column = Column(names, gaps=True)

@@ -202,10 +202,7 @@ def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, 
             f"{where}: does not say its unit; give unit= (--unit; for {quantity}: {known.unit} or"
             f" one that converts to it){_ONCE}"
         )
-    inside, factor = unit_factor(unit, where)
-    if inside != known.unit:
-        raise InputError(f"{where}: unit '{unit}' does not fit a {quantity} map ({known.unit})")
-    return quantity, unit, factor
+    return quantity, unit, unit_factor(unit, f"{where}: a {quantity} map", known.unit)[1]
 
 
 def value_range(values: Values) -> tuple[float, float]:

@@ -179,16 +179,11 @@ class Rows:
             for name, i in there.items()
             if i is not None and (unit := self.units.get(self.names[i])) is not None
         }
-        common = next(iter(units.values()), None)
+        first, common = next(iter(units.items()), ("", None))
         for name, unit in units.items():
-            if unit != common:
-                inside, factor = unit_factor(unit, f"{self.where}: {name}")
-                other, of_common = unit_factor(common or "", f"{self.where}: {next(iter(units))}")
-                if inside != other:
-                    raise InputError(
-                        f"{self.where}: {name}: '{unit}' does not go with '{common}' of"
-                        f" {next(iter(units))}"
-                    )
+            if common is not None and unit != common:
+                inside, of_common = unit_factor(common, f"{self.where}: {first}")
+                factor = unit_factor(unit, f"{self.where}: {name}", inside)[1]
                 found[name] = found[name] * (factor / of_common)
         return common
 
@@ -205,16 +200,14 @@ class Rows:
         return InputError(f"{self.where}: has no column '{wanted}'{hint}; it has {named}")
 
 
-def one_line(rows: Rows, line: str | None, key: str) -> Rows:
+def one_line(rows: Rows, line: str | None) -> Rows:
     """Return the rows of one survey line of a file.
 
     Parameters
     ----------
     rows : Rows
     line : str, optional
-        Its name; None = the file has one only.
-    key : str
-        By which a user names it, for messages.
+        Its name, `route.track_line`; None = the file has one only.
 
     Raises
     ------
@@ -227,7 +220,9 @@ def one_line(rows: Rows, line: str | None, key: str) -> Rows:
     if rows.line is None or line not in there:
         shown = ", ".join(there[:6]) + (", ..." if len(there) > 6 else "")
         what = f"has no line '{line}'" if line else f"has {len(there)} lines"
-        raise InputError(f"{rows.where}: {what}; {key} must be one of {shown or 'none'}")
+        raise InputError(
+            f"{rows.where}: {what}; route.track_line must be one of {shown or 'none'}"
+        )
     chosen = [k for k, name in enumerate(rows.line) if name == line]
     columns: list[Sequence[str] | Array] = [
         one[chosen] if isinstance(one, np.ndarray) else [one[k] for k in chosen]
