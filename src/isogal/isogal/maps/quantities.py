@@ -175,13 +175,6 @@ def quantity_of(name: str) -> str | None:
     return None
 
 
-def check_quantity(name: str, where: str) -> Quantity:
-    """Return the quantity of that name, or raise InputError naming those known."""
-    if name not in QUANTITIES:
-        raise InputError(f"{where}: unknown quantity '{name}'; known: {', '.join(QUANTITIES)}")
-    return QUANTITIES[name]
-
-
 def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, float]:
     """Return quantity, unit and the factor to the unit inside, provided that both are given and
     fit each other.
@@ -196,7 +189,9 @@ def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, 
             f"{where}: does not say what it is a map of; give quantity= (--quantity) one of"
             f" {', '.join(QUANTITIES)}{_ONCE}"
         )
-    known = check_quantity(quantity, where)
+    if quantity not in QUANTITIES:
+        raise InputError(f"{where}: unknown quantity '{quantity}'; known: {', '.join(QUANTITIES)}")
+    known = QUANTITIES[quantity]
     if unit is None:
         raise InputError(
             f"{where}: does not say its unit; give unit= (--unit; for {quantity}: {known.unit} or"
@@ -237,7 +232,7 @@ def check_plausible(
     InputError
         With the range found, the range possible, and what it looks like instead.
     """
-    known = check_quantity(quantity, where)
+    known = QUANTITIES[quantity]
     if math.isnan(found[0]):
         raise EmptyWindowError(f"{where}: has no value at all (all missing)")
     low, high = found[0] * factor, found[1] * factor
