@@ -60,6 +60,13 @@ def test_units_are_converted(tmp_path, small_map, units, factor):
     assert read.file_unit == units and read.file_factor == pytest.approx(1.0 / factor)
 
 
+def test_heights_may_be_in_feet(tmp_path, small_map):
+    feet = netcdf(tmp_path / "map.nc", replace(small_map, values=1e6 * small_map.values))
+    read = load_map(feet, quantity="height", unit="ft")
+    assert (read.unit, read.file_unit) == ("m", "ft")
+    np.testing.assert_allclose(read.values, 0.3048e6 * small_map.values, rtol=1e-6, atol=1e-6)
+
+
 @pytest.mark.parametrize("own", ["mGal", None])
 def test_a_sigma_beside_the_values_is_in_its_own_unit_or_theirs(tmp_path, small_map, own):
     path = netcdf(tmp_path / "map.nc", small_map)
