@@ -62,7 +62,7 @@ def test_units_are_converted(tmp_path, small_map, units, factor):
 
 def test_heights_may_be_in_feet(tmp_path, small_map):
     feet = netcdf(tmp_path / "map.nc", replace(small_map, values=1e6 * small_map.values))
-    read = load_map(feet, quantity="height", unit="ft")
+    read = load_map(feet, "dg", quantity="height", unit="ft")
     assert (read.unit, read.file_unit) == ("m", "ft")
     np.testing.assert_allclose(read.values, 0.3048e6 * small_map.values, rtol=1e-6, atol=1e-6)
 
