@@ -115,9 +115,8 @@ def derivatives(
     spectral.check_plane(disturbance, what)
     values = np.asarray(disturbance.values, dtype=np.float64)
     missing = ~np.isfinite(values)
-    level = 0.0 if of_vector else float(np.nanmean(values))
     kept = spectral.inside(disturbance, missing, edge)
-    filled = np.where(missing, 0.0, values - level)
+    filled = np.where(missing, 0.0, values - (0.0 if of_vector else np.nanmean(values)))
     operators = [partial(operator, name, height) for name in components]
     taper = _VECTOR_TAPER if of_vector else _TENSOR_TAPER
     result = spectral.transformed(disturbance, filled, operators, taper)
