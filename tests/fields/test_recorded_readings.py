@@ -74,7 +74,7 @@ def test_of_a_faster_instrument_each_scan_has_the_newest_reading(tmp_path):
     ("keys", "says"),
     [
         ({"column": "grav"}, r"readings\.column: \S+ has no column grav; it has time, faa, none"),
-        ({"unit": "nT"}, r"column faa: nT is no unit of disturbance; allowed: m/s², mGal"),
+        ({"unit": "nT"}, r"column faa: unfitting unit 'nT'; must be one of m/s², mGal"),
         ({"unit": "m/s²"}, r"csv:faa: values 0 to 10 m/s² cannot be a dist.* give unit=mGal"),
         ({"source": "none.csv"}, r"none\.csv"),
         ({"begin": 0.0}, "no reading is within the track's time"),

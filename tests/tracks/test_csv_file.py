@@ -51,8 +51,8 @@ def test_units_of_the_header_count(tmp_path):
             "latitude[gon],longitude,value",
             r"latitude: unknown unit 'gon'; must be one of deg, rad",
         ),
-        ("latitude,longitude,value[mGal],sigma[m]", "sigma: 'm' does not go with 'mGal' of value"),
-        ("latitude,longitude,value[mGal],sigma[x]", "sigma: unknown unit 'x'; known: m/s²"),
+        ("latitude,longitude,value[mGal],sigma[m]", "sigma: unfitting unit 'm'; must be one of"),
+        ("latitude,longitude,value[mGal],sigma[x]", "sigma: unknown unit 'x'; must be one of"),
     ],
 )
 def test_a_unit_that_is_not_known_is_refused(tmp_path, header, message):

@@ -60,6 +60,13 @@ def test_units_are_converted(tmp_path, small_map, units, factor):
     assert read.file_unit == units and read.file_factor == pytest.approx(1.0 / factor)
 
 
+def test_heights_may_be_in_feet(tmp_path, small_map):
+    feet = netcdf(tmp_path / "map.nc", replace(small_map, values=1e6 * small_map.values))
+    read = load_map(feet, "dg", quantity="height", unit="ft")
+    assert (read.unit, read.file_unit) == ("m", "ft")
+    np.testing.assert_allclose(read.values, 0.3048e6 * small_map.values, rtol=1e-6, atol=1e-6)
+
+
 @pytest.mark.parametrize("own", ["mGal", None])
 def test_a_sigma_beside_the_values_is_in_its_own_unit_or_theirs(tmp_path, small_map, own):
     path = netcdf(tmp_path / "map.nc", small_map)
@@ -114,8 +121,8 @@ def test_longitudes_that_jump_at_180(tmp_path, small_map):
 @pytest.mark.parametrize(
     ("offset", "factor", "units", "asked", "words"),
     [
-        (0.0, 1.0, "furlong", {}, "unknown unit 'furlong'; known: m/s²"),
-        (0.0, 1.0, "nT", {}, "unit 'nT' does not fit a disturbance map"),
+        (0.0, 1.0, "furlong", {}, "unknown unit 'furlong'; must be one of m/s²"),
+        (0.0, 1.0, "nT", {}, "a disturbance map: unfitting unit 'nT'"),
         (0.0, 1.0, "m s-2", {"variable": "dg", "quantity": "gravity"}, "cannot be a gravity map"),
         (0.0, 1.0, "m s-2", {"variable": "lat"}, "'lat' is not a grid"),
         (0.0, 1.0, "m s-2", {"variable": "nix"}, "no variable 'nix'"),

@@ -53,7 +53,7 @@ def test_gdf_gaps_and_a_height_column(tmp_path):
         (gdf(CUT), "points, the header says 480; cut short?"),
         (gdf(ROWS, drop=("unit",)), "does not say its unit"),
         (gdf(ROWS, functional="second_r_derivative"), "does not say what it is a map of"),
-        (gdf(ROWS, functional="geoid", unit="mgal"), "unit 'mgal' does not fit a geoid map"),
+        (gdf(ROWS, functional="geoid", unit="mgal"), "a geoid map: unfitting unit 'mgal'"),
         (gdf(ROWS, gapvalue="none"), "header gapvalue is not a number"),
         (
             gdf(ROWS).replace("longitude  latitude  g", "latitude  longitude  g"),

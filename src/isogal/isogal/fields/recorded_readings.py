@@ -13,7 +13,7 @@ from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.files import changed_at
 from isogal.maps.gridding.rows import TIME, Column, one_line, read_rows
-from isogal.maps.quantities import QUANTITIES, UNITS, check_plausible, unit_factor
+from isogal.maps.quantities import QUANTITIES, check_plausible, unit_factor
 from isogal.scenario import Readings
 
 _ALIASES = {
@@ -99,7 +99,7 @@ def _read(
     assert readings.source is not None  # the caller has checked
     rows = read_rows(readings.source, "time and a column of readings")
     if rows.line is not None and line in rows.line:
-        rows = one_line(rows, line, "route.track_line")
+        rows = one_line(rows, line)
     known = quantity, *QUANTITIES[quantity].names, *_ALIASES.get(quantity, ()), "value"
     names = known if readings.column is None else (readings.column.casefold(),)
     column = Column(names, gaps=True)
@@ -113,15 +113,8 @@ def _read(
     name = rows.names[index]
     of = quantity if readings.reduced else {"magnetic_anomaly": "magnetic_field"}.get(quantity)
     inside = QUANTITIES[quantity].unit
-    unit = readings.unit or rows.units.get(name)
-    unit = unit or _UNITS.get(inside, inside)
-    own, factor = unit_factor(unit, f"readings.unit: {rows.where}, column {name}")
-    if own != inside:
-        allowed = ", ".join(one for one, (base, _) in UNITS.items() if base == inside)
-        raise InputError(
-            f"readings.unit: {rows.where}, column {name}: {unit} is no unit of {quantity};"
-            f" allowed: {allowed}"
-        )
+    unit = readings.unit or rows.units.get(name) or _UNITS.get(inside, inside)
+    _, factor = unit_factor(unit, f"readings.unit: {rows.where}, column {name}", inside)
     value = found["value"] * factor
     if not np.isfinite(value).any():
         raise InputError(f"readings.source: {rows.where}: column {name} has no value at all")

@@ -1,7 +1,6 @@
 """Which format does a file have? Maps from files and folders, and whether they cover a route."""
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +12,6 @@ from isogal.maps.axes import Window
 from isogal.maps.channels import RouteMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.format import Asked, Format
-
-
-def map_formats() -> Iterator[Format]:
-    """Give every format that an installed package provides, Isogal's own first.
-
-    Raises
-    ------
-    InputError
-        A format's package cannot be imported.
-    """
-    return (_named(name) for name in plugins.names(plugins.MAP_FORMATS))
 
 
 def load_map(
@@ -69,11 +57,11 @@ def _format_of(path: Path) -> Format:
     """Return the format of a file or folder; those of other packages are tried last."""
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
-    for candidate in map_formats():
-        if candidate.matches(path):
+    known = plugins.names(plugins.MAP_FORMATS)
+    for name in known:
+        if (candidate := _named(name)).matches(path):
             return candidate
-    known = ", ".join(plugins.names(plugins.MAP_FORMATS))
-    raise InputError(f"{path}: not a known map format by its name; known: {known}")
+    raise InputError(f"{path}: not a known map format by its name; known: {', '.join(known)}")
 
 
 def _named(name: str) -> Format:

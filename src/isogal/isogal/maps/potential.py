@@ -104,12 +104,19 @@ def derivatives(
             f"unknown tensor component {', '.join(unknown) or '(none)'}; known: {', '.join(known)}"
         )
     what = "horizontal components" if of_vector else "gradients"
-    spectral.check_disturbance(disturbance, what, height=height, edge=edge)
+    if disturbance.quantity != "disturbance":
+        raise InputError(
+            f"{disturbance.provenance or 'map'}: {what} come from a map of the disturbance, not of"
+            f" {disturbance.quantity}"
+        )
+    for name, value in (("height", height), ("edge", edge)):
+        if not 0.0 <= value < math.inf:
+            raise InputError(f"{name} of the {what} must be >= 0 m, is {value}")
+    spectral.check_plane(disturbance, what)
     values = np.asarray(disturbance.values, dtype=np.float64)
     missing = ~np.isfinite(values)
-    level = 0.0 if of_vector else float(np.nanmean(values))
     kept = spectral.inside(disturbance, missing, edge)
-    filled = np.where(missing, 0.0, values - level)
+    filled = np.where(missing, 0.0, values - (0.0 if of_vector else np.nanmean(values)))
     operators = [partial(operator, name, height) for name in components]
     taper = _VECTOR_TAPER if of_vector else _TENSOR_TAPER
     result = spectral.transformed(disturbance, filled, operators, taper)

@@ -13,6 +13,12 @@ from isogal.arrays import Values
 from isogal.errors import InputError
 from isogal.maps.axes import EmptyWindowError
 
+_DEGREES = "degree, degrees, °, dd, decimal degrees, " + ", ".join(
+    f"{word}{mark}{way}"
+    for way in ("north", "east", "n", "e")
+    for word in ("degree", "degrees", "deg")
+    for mark in ("_", " ", "")
+)
 _UNITS = (
     ("m/s²", "m/s²", 1.0, "m/s2, m/s^2, m/s**2, m s-2, m s^-2, m.s-2, m s**-2"),
     ("m/s²", "m/s²", 1.0, "meter second-2, metre second-2"),
@@ -22,22 +28,37 @@ _UNITS = (
     ("nm/s²", "m/s²", 1e-9, "nm/s2, nm s-2, nm/s^2"),
     ("µm/s²", "m/s²", 1e-6, "um/s2, um s-2, µm s-2, μm s-2, gu"),
     ("nT", "nT", 1.0, "nt, nanotesla, nanoteslas, gamma, gammas"),
-    ("µT", "nT", 1e3, "ut, μt, microtesla"),
-    ("T", "nT", 1e9, "t, tesla"),
+    ("µT", "nT", 1e3, "ut, microtesla, microteslas"),
+    ("T", "nT", 1e9, "tesla"),
     ("m", "m", 1.0, "metre, metres, meter, meters"),
     ("km", "m", 1e3, "kilometre, kilometer, kilometres, kilometers"),
     ("cm", "m", 1e-2, "centimetre, centimeter, centimetres, centimeters"),
     ("mm", "m", 1e-3, "millimetre, millimeter, millimetres, millimeters"),
+    ("ft", "m", 0.3048, "foot, feet"),
+    ("deg", "rad", np.pi / 180.0, _DEGREES),
     ("rad", "rad", 1.0, "radian, radians"),
     ("arcsec", "rad", np.pi / 648000.0, 'arcsecond, arcseconds, arc-second, arc-seconds, "'),
     ("1/s²", "1/s²", 1.0, "s-2, s^-2, 1/s2, 1/s^2, s**-2"),
     ("E", "1/s²", 1e-9, "eotvos, eötvös, eotvos unit"),
+    ("m/s", "m/s", 1.0, "m s-1, m s^-1, m s**-1, m.s-1, mps"),
+    ("m/s", "m/s", 1.0, "metres per second, meters per second"),
+    ("kn", "m/s", 1852.0 / 3600.0, "kt, kts, knot, knots"),
+    ("km/h", "m/s", 1.0 / 3.6, "km h-1, kmh, kph"),
+    ("cm/s", "m/s", 1e-2, "cm s-1"),
+    ("mm/s", "m/s", 1e-3, "mm s-1"),
+    ("ft/s", "m/s", 0.3048, "ft s-1"),
+    ("A", "A", 1.0, "ampere, amperes, amp, amps"),
+    ("mA", "A", 1e-3, "milliampere, milliamperes"),
     ("1", "1", 1.0, "none, dimensionless, unitless"),
 )
 """Unit, unit inside, factor to it, and other spellings, in lower case."""
 UNITS = {unit: (inside, factor) for unit, inside, factor, _ in _UNITS}
 """Unit: (unit inside, factor). Inside is SI, except that magnetic fields are in nT."""
-_BY_SPELLING = {spelling: unit for unit, *_, others in _UNITS for spelling in others.split(", ")}
+_BY_SPELLING = {
+    spelling: unit
+    for unit, *_, others in _UNITS
+    for spelling in (unit.casefold(), *others.split(", "))
+}
 
 
 @dataclass(frozen=True)
@@ -120,21 +141,23 @@ QUANTITIES: dict[str, Quantity] = {
 """Known quantities; `lowest` and `highest` leave room beyond the extremes on Earth."""
 
 
-def unit_factor(unit: str, where: str) -> tuple[str, float]:
+def unit_factor(unit: str, where: str, inside: str | None = None) -> tuple[str, float]:
     """Return (unit inside, factor to it) of a unit as files spell it.
 
     Raises
     ------
     InputError
-        Unknown unit.
+        Unknown unit, or one of another unit inside than is needed.
     """
     text = " ".join(unit.split())
-    if text in UNITS:
-        return UNITS[text]
-    known = _BY_SPELLING.get(text.casefold())
-    if known is None:
+    found = UNITS.get(text) or UNITS.get(_BY_SPELLING.get(text.casefold(), ""))
+    if found is None and inside is None:
         raise InputError(f"{where}: unknown unit '{unit}'; known: {', '.join(UNITS)}")
-    return UNITS[known]
+    if found is None or inside not in (None, found[0]):
+        allowed = ", ".join(one for one, (base, _) in UNITS.items() if base == inside)
+        what = "unknown" if found is None else "unfitting"
+        raise InputError(f"{where}: {what} unit '{unit}'; must be one of {allowed}")
+    return found
 
 
 def fitting_unit(inside: str, fits: Callable[[float], bool]) -> str | None:
@@ -152,13 +175,6 @@ def quantity_of(name: str) -> str | None:
     return None
 
 
-def check_quantity(name: str, where: str) -> Quantity:
-    """Return the quantity of that name, or raise InputError naming those known."""
-    if name not in QUANTITIES:
-        raise InputError(f"{where}: unknown quantity '{name}'; known: {', '.join(QUANTITIES)}")
-    return QUANTITIES[name]
-
-
 def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, float]:
     """Return quantity, unit and the factor to the unit inside, provided that both are given and
     fit each other.
@@ -173,16 +189,15 @@ def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, 
             f"{where}: does not say what it is a map of; give quantity= (--quantity) one of"
             f" {', '.join(QUANTITIES)}{_ONCE}"
         )
-    known = check_quantity(quantity, where)
+    if quantity not in QUANTITIES:
+        raise InputError(f"{where}: unknown quantity '{quantity}'; known: {', '.join(QUANTITIES)}")
+    known = QUANTITIES[quantity]
     if unit is None:
         raise InputError(
             f"{where}: does not say its unit; give unit= (--unit; for {quantity}: {known.unit} or"
             f" one that converts to it){_ONCE}"
         )
-    inside, factor = unit_factor(unit, where)
-    if inside != known.unit:
-        raise InputError(f"{where}: unit '{unit}' does not fit a {quantity} map ({known.unit})")
-    return quantity, unit, factor
+    return quantity, unit, unit_factor(unit, f"{where}: a {quantity} map", known.unit)[1]
 
 
 def value_range(values: Values) -> tuple[float, float]:
@@ -217,7 +232,7 @@ def check_plausible(
     InputError
         With the range found, the range possible, and what it looks like instead.
     """
-    known = check_quantity(quantity, where)
+    known = QUANTITIES[quantity]
     if math.isnan(found[0]):
         raise EmptyWindowError(f"{where}: has no value at all (all missing)")
     low, high = found[0] * factor, found[1] * factor

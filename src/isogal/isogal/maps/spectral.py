@@ -61,20 +61,6 @@ def waves_of(shape: tuple[int, int], cell: tuple[float, float]) -> Waves:
     return Waves(k_n, k_e, np.hypot(k_n, k_e), odd_n, odd_e)
 
 
-def check_disturbance(field_map: FieldMap, what: str, **distances: float) -> None:
-    """Raise InputError unless something (`what`, for messages) can be made of a map of the
-    disturbance, with distances that are >= 0, m."""
-    if field_map.quantity != "disturbance":
-        raise InputError(
-            f"{field_map.provenance or 'map'}: {what} come from a map of the disturbance, not of"
-            f" {field_map.quantity}"
-        )
-    for name, value in distances.items():
-        if not (math.isfinite(value) and value >= 0.0):
-            raise InputError(f"{name} of the {what} must be >= 0 m, is {value}")
-    check_plane(field_map, what)
-
-
 def check_plane(field_map: FieldMap, what: str) -> None:
     """Raise InputError unless a map can be transformed: few holes, and not too far north-south.
 

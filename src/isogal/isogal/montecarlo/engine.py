@@ -21,6 +21,7 @@ from isogal.fields.simulator import ReadingSimulator, compensated
 from isogal.fusion.inertial_navigator import track_row
 from isogal.fusion.measurements import Measurement, reading_of
 from isogal.inertial.error_state import Estimate
+from isogal.inertial.inverse import inverse
 from isogal.maps.channels import RouteMap
 from isogal.maps.several import RunMap, each_map, first_map
 from isogal.matching.batching import fix_due
@@ -31,9 +32,9 @@ from isogal.montecarlo.recorder import Recorder
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario
 from isogal.sensors.barometer import simulate_heights
-from isogal.sensors.imu import simulate_imu
+from isogal.sensors.imu import ImuData, simulate_imu
 from isogal.sensors.initial import draw_initial_state
-from isogal.sensors.ins_solution import felt, said, unaided_solution
+from isogal.sensors.ins_solution import said, unaided_solution
 from isogal.sensors.simulated_aids import simulate_aids
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
@@ -158,7 +159,7 @@ class Simulation:
         ins = unaided_solution(start, trajectory, self._imu, preintegrated, compensation)
         if given:
             ins = said(truth.ins, ins)
-            self._imu = felt(ins, trajectory.dt, preintegrated)
+            self._imu = ImuData(*inverse(ins, trajectory.dt, preintegrated))
             start = Estimate(*np.split(ins[:, 0], [3, 6], axis=1))
         latitude, longitude = (ins[:, self.index, axis] for axis in range(2))
         truth_at = trajectory.latitude[self.index], trajectory.longitude[self.index]

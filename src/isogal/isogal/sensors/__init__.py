@@ -8,7 +8,7 @@ imu_model       what a navigator assumes of them
 barometer       height from pressure, in air and in water
 velocity_aid    velocity in body axes: Doppler log, odometer, log, airspeed
 initial         the navigator's first state, with its errors
-ins_solution    the solution of an INS: what it says, and what it felt by that
+ins_solution    the solution of an INS: what it says
 scans           which readings of an instrument are scans, and which scans are missing
 noise           random errors of readings: white, outliers, bias, correlated, walk
 reduction       what every instrument of a mapped field provides

@@ -1,5 +1,4 @@
-"""The solution of an INS: simulated, and as inertial data of a navigator (docs/mathematics.md,
-section 3.19).
+"""The solution of an INS, simulated (docs/mathematics.md, section 3.19).
 
 The INS is one of its own: it integrates what its sensors measure from the start that is drawn
 for it, takes off normal gravity only, and holds its height by a sensor, as every INS does."""
@@ -10,7 +9,7 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.gravity import Compensation
-from isogal.inertial.inverse import inverse, level_attitude
+from isogal.inertial.inverse import level_attitude
 from isogal.inertial.rotations import from_angles, matrix, to_angles
 from isogal.inertial.strapdown import propagate
 from isogal.scenario import Ins
@@ -71,8 +70,3 @@ def said(ins: Ins, solution: Array) -> Array:
         for row in flat:
             row[6:] = from_angles(*np.round(np.array(to_angles(matrix(row[6:]))) / last) * last)
     return solution
-
-
-def felt(solution: Array, dt: float, preintegrated: bool) -> ImuData:
-    """Return what an INS of solutions (R, K + 1, 10) at the ends of intervals (s) felt."""
-    return ImuData(*inverse(solution, dt, preintegrated))

@@ -72,7 +72,7 @@ def read_positions(path: str, line: str | None = None, changed: int = 0) -> Posi
         It cannot be read, lacks a column, has a cell that cannot be, or too few rows; times do not
         increase, or a position cannot be reached from the one before.
     """
-    rows = one_line(read_rows(path, "time, latitude, longitude"), line, "route.track_line")
+    rows = one_line(read_rows(path, "time, latitude, longitude"), line)
     columns = rows.read(_COLUMNS, ("time", "latitude", "longitude"))
     time = columns["time"]
     place = np.radians(np.column_stack([columns["latitude"], columns["longitude"]]))

@@ -14,7 +14,7 @@ import numpy as np
 
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
-from isogal.earth.ellipsoid import E2, EARTH_RATE, A
+from isogal.earth.ellipsoid import E2, EARTH_RATE, curvature, radii
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.files import changed_at
@@ -201,10 +201,9 @@ def drive(route: Route, rate: float) -> tuple[Array, Array]:
 def _position_rates(
     lat: float, heading: float, speed: float, height: float
 ) -> tuple[float, float]:
-    w2 = 1.0 - E2 * math.sin(lat) ** 2
-    n = A / math.sqrt(w2)
+    m, n = curvature(math.sin(lat))
     return (
-        speed * math.cos(heading) / (n * (1.0 - E2) / w2 + height),
+        speed * math.cos(heading) / (m + height),
         speed * math.sin(heading) / ((n + height) * math.cos(lat)),
     )
 
@@ -262,11 +261,10 @@ def sensor_means(
         # m/s² only
         phi = lat + node * (end_latitude - lat)
         s, c = np.sin(phi), np.cos(phi)
-        w2 = 1.0 - E2 * s * s
-        n = A / np.sqrt(w2)
+        m, n = radii(phi)
         vn, ve = v * np.cos(psi), v * np.sin(psi)
         transport = np.stack(
-            [ve / (n + height), -vn / (n * (1.0 - E2) / w2 + height), -ve * s / c / (n + height)],
+            [ve / (n + height), -vn / (m + height), -ve * s / c / (n + height)],
             axis=-1,
         )
         earth = np.stack([EARTH_RATE * c, np.zeros_like(c), -EARTH_RATE * s], axis=-1)
@@ -392,7 +390,7 @@ class _Guide:
             # Clairaut: a geodesic's azimuth changes by sin(azimuth) tan(latitude) ds / N;
             # evaluated at the interval's middle
             mid = lat + 0.5 * self.dt * _position_rates(lat, heading, speed, self.height)[0]
-            n = A / math.sqrt(1.0 - E2 * math.sin(mid) ** 2)
+            _, n = curvature(math.sin(mid))
             return speed * math.sin(heading) * math.tan(mid) / (n + self.height), 0.0
         radius = speed / self.turn_limit
         if self.leg < len(self.points) - 1:

@@ -22,7 +22,7 @@ from isogal.errors import InputError
 from isogal.files import reading
 from isogal.maps.formats.netcdf import open_netcdf, quantity_in, text_of, unpacked
 from isogal.maps.gridding import mgd77
-from isogal.maps.quantities import quantity_of, unit_factor
+from isogal.maps.quantities import UNITS, quantity_of, unit_factor
 
 _MISSING = ("", "*", "nan", "na", "n/a", "null", "none", "-")
 """Cells without a reading, in lower case."""
@@ -39,38 +39,6 @@ _SECONDS = {
     **dict.fromkeys(("ns", "nanosecond"), 1e-9),
 }
 """In a unit of time, as UDUNITS names it in the singular."""
-_DEGREES = "degree, degrees, °, dd, decimal degrees, " + ", ".join(
-    f"{word}{mark}{way}"
-    for way in ("north", "east", "n", "e")
-    for word in ("degree", "degrees", "deg")
-    for mark in ("_", " ", "")
-)
-_UNITS = {
-    " deg": (("deg", 1.0, _DEGREES), ("rad", math.degrees(1.0), "radian, radians")),
-    " m": (
-        ("m", 1.0, "metre, metres, meter, meters"),
-        ("km", 1e3, "kilometre, kilometres, kilometer, kilometers"),
-        ("cm", 1e-2, "centimetre, centimetres, centimeter, centimeters"),
-        ("mm", 1e-3, "millimetre, millimetres, millimeter, millimeters"),
-        ("ft", 0.3048, "foot, feet"),
-    ),
-    " m/s": (
-        ("m/s", 1.0, "m s-1, m s^-1, m s**-1, m.s-1, mps, metres per second, meters per second"),
-        ("kn", 1852.0 / 3600.0, "kt, kts, knot, knots"),
-        ("km/h", 1.0 / 3.6, "km h-1, kmh, kph"),
-        ("cm/s", 1e-2, "cm s-1"),
-        ("mm/s", 1e-3, "mm s-1"),
-        ("ft/s", 0.3048, "ft s-1"),
-    ),
-    " nT": (
-        ("nT", 1.0, "nanotesla, nanoteslas, gamma, gammas"),
-        ("µT", 1e3, "μt, ut, microtesla, microteslas"),
-        ("T", 1e9, "tesla"),
-    ),
-    " A": (("A", 1.0, "ampere, amperes, amp, amps"), ("mA", 1e-3, "milliampere, milliamperes")),
-}
-"""By a column's own unit: those that a file may name, the own one in each, and other spellings, in
-lower case."""
 _EXAMPLE = "2026-05-01T12:00:00Z"
 _LINE = re.compile(r"^\s*(line|tie|random|base|trend|special|test)\s+(\S+)\s*$", re.IGNORECASE)
 
@@ -83,7 +51,7 @@ class Column(NamedTuple):
     least: float = -math.inf
     most: float = math.inf
     unit: str = ""
-    """Of its numbers and the limits, one of `_UNITS`; empty: whatever the file says it is."""
+    """Of its numbers and the limits, a blank before it; empty: whatever the file says it is."""
     gaps: bool = False
     """Whether readings may be missing."""
 
@@ -196,15 +164,8 @@ class Rows:
         unit = self.units.get(name)
         if unit is None or not column.unit:
             return 1.0
-        spelled = " ".join(unit.casefold().split())
-        for known, factor, others in _UNITS[column.unit]:
-            if spelled == known.casefold() or spelled in others.split(", "):
-                return factor
-        allowed = ", ".join(known for known, *_ in _UNITS[column.unit])
-        raise InputError(
-            f"{self.where}: {name}: unknown unit '{unit}'; must be one of {allowed}, or none for"
-            f"{column.unit}"
-        )
+        inside, own = UNITS[column.unit.strip()]
+        return unit_factor(unit, f"{self.where}: {name}", inside)[1] / own
 
     def in_one_unit(
         self, found: dict[str, Array], columns: Mapping[str, Column], names: Sequence[str]
@@ -218,16 +179,11 @@ class Rows:
             for name, i in there.items()
             if i is not None and (unit := self.units.get(self.names[i])) is not None
         }
-        common = next(iter(units.values()), None)
+        first, common = next(iter(units.items()), ("", None))
         for name, unit in units.items():
-            if unit != common:
-                inside, factor = unit_factor(unit, f"{self.where}: {name}")
-                other, of_common = unit_factor(common or "", f"{self.where}: {next(iter(units))}")
-                if inside != other:
-                    raise InputError(
-                        f"{self.where}: {name}: '{unit}' does not go with '{common}' of"
-                        f" {next(iter(units))}"
-                    )
+            if common is not None and unit != common:
+                inside, of_common = unit_factor(common, f"{self.where}: {first}")
+                factor = unit_factor(unit, f"{self.where}: {name}", inside)[1]
                 found[name] = found[name] * (factor / of_common)
         return common
 
@@ -244,16 +200,14 @@ class Rows:
         return InputError(f"{self.where}: has no column '{wanted}'{hint}; it has {named}")
 
 
-def one_line(rows: Rows, line: str | None, key: str) -> Rows:
+def one_line(rows: Rows, line: str | None) -> Rows:
     """Return the rows of one survey line of a file.
 
     Parameters
     ----------
     rows : Rows
     line : str, optional
-        Its name; None = the file has one only.
-    key : str
-        By which a user names it, for messages.
+        Its name, `route.track_line`; None = the file has one only.
 
     Raises
     ------
@@ -266,7 +220,9 @@ def one_line(rows: Rows, line: str | None, key: str) -> Rows:
     if rows.line is None or line not in there:
         shown = ", ".join(there[:6]) + (", ..." if len(there) > 6 else "")
         what = f"has no line '{line}'" if line else f"has {len(there)} lines"
-        raise InputError(f"{rows.where}: {what}; {key} must be one of {shown or 'none'}")
+        raise InputError(
+            f"{rows.where}: {what}; route.track_line must be one of {shown or 'none'}"
+        )
     chosen = [k for k, name in enumerate(rows.line) if name == line]
     columns: list[Sequence[str] | Array] = [
         one[chosen] if isinstance(one, np.ndarray) else [one[k] for k in chosen]
