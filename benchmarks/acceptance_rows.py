@@ -177,6 +177,11 @@ def of_gravity() -> list[Row]:
             of_settings(*OVER_TERRAIN),
             runs=8,
         ),
+        Row(
+            "tactical INS without a log, heights of a map 40 m wrong",
+            of_settings(*OVER_TERRAIN, "velocity.kind=none", "route.duration=3600"),
+            settled=600.0,
+        ),
         *(
             Row(
                 f"start uncertain by 5 km, map {error}",
