@@ -204,6 +204,16 @@ def test_batches_hold_context_and_count_what_is_new():
     assert [batch.new for batch in batches] == [20, 10, 10, 10]
 
 
+def test_scans_come_out_as_they_went_in():
+    it = flown(TRAJECTORY)
+    batch = builder_of(it).build(INDEPENDENT)
+    np.testing.assert_array_equal(np.column_stack([batch.latitude, batch.longitude]), it.position)
+    np.testing.assert_array_equal(batch.velocity, it.velocity)
+    np.testing.assert_array_equal(batch.reading, 1e-5 * np.arange(SCANS) - 2e-6)
+    assert (batch.sigma == 1e-5).all()
+    assert batch.new == SCANS
+
+
 def test_soundings_of_several_beams_come_out_less_their_offset():
     it, beams = flown(TRAJECTORY), Soundings(2, 0.0)
     builder = BatchBuilder(Matcher(), TerrainReduction(Altimeter()), expansion=beams)

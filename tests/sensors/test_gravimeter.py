@@ -5,13 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.signal import lsim, lti
 
 from helpers.allan import allan_deviation
 from helpers.batches import noise_covariance
 from helpers.statistics import within_chi_square
 from isogal.earth.ellipsoid import metres_per_radian
-from isogal.earth.gravity import FREE_AIR
+from isogal.earth.gravity import FREE_AIR, normal_gravity
 from isogal.matching.reading_noise import joined, noise_states
 from isogal.scenario import Gravimeter, Scenario
 from isogal.sensors.gravimeter import DisturbanceReduction, GravityReduction
@@ -28,6 +30,17 @@ from isogal.sensors.reduction import State, reduction_variance
 from isogal.sensors.trajectory import build_trajectory
 
 GRAVITY, DISTURBANCE = GravityReduction(), DisturbanceReduction()
+latitudes = st.floats(-1.4, 1.4)
+speeds = st.floats(-100.0, 100.0)
+
+
+@given(st.floats(9.7, 9.9), latitudes, st.floats(0.0, 9e3), speeds, speeds)
+def test_reductions_with_the_true_state_are_exact(gravity, latitude, height, north, east):
+    at, disturbance = State(latitude, 2.5, height, north, east), gravity - normal_gravity(latitude)
+    felt = GRAVITY.raw(gravity, at)
+    assert DISTURBANCE.raw(disturbance, at) == pytest.approx(float(felt), abs=1e-14)
+    assert GRAVITY.reduce(felt, at) == pytest.approx(gravity, abs=1e-14)
+    assert DISTURBANCE.reduce(felt, at) == pytest.approx(disturbance, abs=1e-14)
 
 
 @pytest.mark.parametrize("reduction", [GRAVITY, DISTURBANCE])
