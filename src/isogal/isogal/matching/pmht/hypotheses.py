@@ -35,17 +35,16 @@ variance of 1; theirs loses 4.5 % of it at each split."""
 MOST, USUAL_STATES = 3500, BATCH_STATES + 2 + len(UNKNOWN)
 """Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
 NEGLIGIBLE = 10.0
-"""Log of how much less probable than all together a place may be before it is dropped."""
+"""Log of how much less probable than the best of its neighbours a model is where it is left out
+(`with_needed`)."""
 LIGHT = NEGLIGIBLE / 2.0
-"""Models less probable by this log, and than the best of their group, have one place only."""
-FAINT = 3.0
-"""Log of how much less probable than its model's best place one may be where the model itself is
-less probable than by LIGHT. With 5 there are a third more hypotheses for the same errors."""
+"""The same where all of them are less probable than the best model by this log."""
 UNEXPLAINED_SHARE = 0.5
 """Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
-FLOOR = NEGLIGIBLE + LIGHT
-"""The best model of no group (`Models.group`) falls further below the best than this log: what was
-wrong for hours may become right."""
+FLOOR = 16.0
+"""Log of how much less probable than all together a place may be before it is dropped, if it is
+not the best of its model; and of how much less than the best the best model of no group
+(`Models.group`) may become: what was wrong for hours may become right."""
 CREDIBLE = 2.0
 """A fault is published where readings have made it so many times as probable as it was: a wide
 model of a few percent would widen what is published for ever."""
@@ -141,7 +140,7 @@ class Hypotheses:
         whole, done = self, list[Hypotheses]()
         while True:
             sigma = np.sqrt(whole.covariance[:, HEADING, HEADING])
-            cut = (sigma > UNSURE) & (whole.log_weight > self._least[whole.which])
+            cut = (sigma > UNSURE) & (whole.log_weight > self._least)
             room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
             if not cut.any() or cut.sum() > room:
                 break
@@ -166,7 +165,7 @@ class Hypotheses:
         whole, done, most = self, list[Hypotheses](), most or self.most
         where, least = (field_map.grid, field_map.sigma_grid, rows), self._least
         while True:  # `most` ends it on a map as rough as that
-            asked, along = whole.log_weight > least[whole.which], np.zeros_like(whole.mean)
+            asked, along = whole.log_weight > least, np.zeros_like(whole.mean)
             them = whole.models, whole.which, whole.mean, whole.covariance
             departure = kernels.departures(*where, *them, asked, REACH, along)
             cut = departure > curved
@@ -287,7 +286,7 @@ class Hypotheses:
             them = them.part(np.argsort(-them.log_weight)[: self.most])
         order = np.lexsort((-them.log_weight, them.which))
         which = them.which[order]
-        kept = them.log_weight[order] > them._least[which]
+        kept = them.log_weight[order] > them._least
         kept[0], kept[1:] = True, kept[1:] | (which[1:] != which[:-1])
         them = them.merged(order[kept], of_place)
         best = largest(them.of_models, self.models.group)
@@ -312,18 +311,10 @@ class Hypotheses:
         np.logaddexp.at(total, self.which, self.log_weight)
         return total
 
-    @cached_property
-    def _least(self) -> Array:
-        """(M,) the log weight from which a place counts. An improbable model has its best place
-        only, and that is not split; but those that are likely in their group have several, or
-        their evidence would not be theirs and they would have lost what becomes probable later."""
-        total = self.of_models
-        whole = np.logaddexp.reduce(self.log_weight)
-        likely = (total > largest(total, self.models.group) - LIGHT) & np.isfinite(total)
-        least = np.where(total < whole - LIGHT, np.inf, whole - NEGLIGIBLE)
-        best = np.full(len(total), -np.inf)
-        np.maximum.at(best, self.which, self.log_weight)
-        return np.where(likely, np.minimum(least, best - FAINT), least)
+    @property
+    def _least(self) -> float:
+        """The log weight from which a place counts; each model has its best one besides."""
+        return float(np.logaddexp.reduce(self.log_weight)) - FLOOR
 
     def moved(self, by: Array) -> "Hypotheses":
         """Return them relative to a navigator that has taken an error (7,) off its estimate."""

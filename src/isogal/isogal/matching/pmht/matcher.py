@@ -30,18 +30,16 @@ from isogal.matching.interfaces import (
     SecondaryBatch,
     declined,
 )
-from isogal.matching.pmht.cells import FEATURE_M, longest
+from isogal.matching.pmht.cells import longest
 from isogal.matching.pmht.hypotheses import Hypotheses, with_needed
 from isogal.matching.pmht.memory import Memory, decided, undeceived
 from isogal.matching.pmht.models import RARE, assumed, models_of, options_of
 from isogal.matching.pmht.publish import added, published, total
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
 from isogal.matching.pmht.search import (
-    LIKELY,
     WIDE_M,
     Diverged,
     FieldMemory,
-    probability_at,
     pursued,
     resolved,
 )
@@ -129,10 +127,9 @@ class Pmht:
         bank = memory.fields[self.lead].bank
         if bank is None:
             return declined(batch, "the place is searched for"), memory
-        astray = None if found else self._astray(memory, batch, field_map)
         reset, widened = False, None
         anew = found and lead.bank is not None
-        misled = astray is None and memory.refused >= REFUSED and resolved(bank)
+        misled = memory.refused >= REFUSED and resolved(bank)
         if anew or misled:
             mean, covariance = bank.moments()
             # outside of where it is all but sure to be (chi-square of 2 degrees of freedom)
@@ -143,25 +140,8 @@ class Pmht:
         if found or misled:
             information = added(bank, prior, total(()))
         each_scan = self.settings[self.lead].mode == "retrodiction"
-        fix, memory = published(each, memory, prior, information, self.names, each_scan, astray)
+        fix, memory = published(each, memory, prior, information, self.names, each_scan)
         return replace(fix, reset=reset, widened=widened), memory
-
-    def _astray(self, memory: Memory, batch: Batch, field_map: AnyMap) -> str | None:
-        """Why a navigator that may be anywhere within kilometres is not to be corrected: its
-        hypotheses are not one place, or one where the readings of the last hour fit no better than
-        elsewhere. None = it may be.
-
-        So far from where they are linear, hypotheses whose readings have followed them for long
-        are all too sure. Those that follow what bends the path (`States.slow`) are not."""
-        lead = memory.fields[self.lead]
-        sigma = longest(batch.covariance[:2, :2])
-        if sigma < FEATURE_M or lead.bank is None or lead.states.slow:
-            return None
-        if resolved(lead.bank):
-            mean, _ = lead.bank.moments()
-            if probability_at(memory.diverged, lead, field_map, mean) > LIKELY:
-                return None
-        return f"the navigator is too unsure of its place, 1-sigma of {sigma / 1e3:.2g} km"
 
     def _readings(
         self, each: Sequence[SecondaryBatch], memory: Memory, prior: Array

@@ -62,7 +62,7 @@ class Memory(NamedTuple):
         """Return it at the end of the next batch, before its readings."""
         prior, before, memory = batch.covariance, self.covariance, self
         jump, passage = batch.history.correction, batch.history.passage
-        refused, anew, first = False, False, max(len(batch) - batch.new - 1, 0)
+        refused, first = False, max(len(batch) - batch.new - 1, 0)
         begin, back = self.diverged.last.time, batch.backward[first].copy()
         # the last batch ended before that where all scans are new, or one was not matched
         back[:2] -= (batch.time[first] - begin) * back[2:4]
@@ -73,13 +73,9 @@ class Memory(NamedTuple):
             off = -jump - self.taken
             if not _same(off, before):
                 # the fix was not taken as it was: if not at all, the navigator knew what it had
-                # known before; else, where it knows less than by the fix, it knew no more then;
-                # where it knows more, several of its states have taken the fix, each by itself:
-                # what it knows now, it knows from the same readings
+                # known before; else, where it knows less than by the fix, it knew no more then
                 refused = _same(jump, self.untaken)
-                more, narrower = grown(before, known)
-                anew = narrower and not refused and not batch.history.aided
-                before = self.untaken if refused else before + more
+                before = self.untaken if refused else before + grown(before, known)[0]
             memory = self.moved(off)
         forward = np.linalg.inv(back)
         if passage is None:
@@ -88,8 +84,6 @@ class Memory(NamedTuple):
         growth = grown(forward @ before @ forward.T, _of_error(passage.after))[0]
 
         def followed(one: FieldMemory, bank: Hypotheses) -> Hypotheses:
-            if anew and not one.states.slow:
-                return Hypotheses.before(one.models, prior)
             return _passed(one, bank, passage, jump, slow).aided(passage, prior)
 
         # of kilometres, what is not linear in them looks like growth
