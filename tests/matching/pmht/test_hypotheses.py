@@ -517,7 +517,8 @@ def test_what_states_put_into_rows_in_common():
         expected += effect[:, s, None] * of_state * effect[:, s]
         covariance[:, s, s] = np.diag(of_state)
     gone = -np.arange(6)[:, None] * np.log(decay)
-    found = in_common(effect, covariance, gone, np.arange(6.0))
+    left = np.exp(-np.abs(gone[:, None] - gone))
+    found = in_common(effect, covariance, left, np.arange(6.0))
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
