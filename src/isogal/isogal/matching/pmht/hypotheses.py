@@ -141,7 +141,9 @@ class Hypotheses:
         whole, done = self, list[Hypotheses]()
         while True:
             sigma = np.sqrt(whole.covariance[:, HEADING, HEADING])
-            cut = (sigma > UNSURE) & (whole.log_weight > self._least[whole.which])
+            cut = sigma > UNSURE
+            if cut.any():
+                cut &= whole.log_weight > self._least[whole.which]
             room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
             if not cut.any() or cut.sum() > room:
                 break
@@ -418,35 +420,35 @@ def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
     larger, smaller = np.zeros((2, len(total)), bool)
     larger[1:] = near[:-1] & alike & ~near[1:]
     smaller[:-1] = near[1:] & alike & ~near[:-1] & ~larger[:-1]
-    kept = bank.part((near | larger & there)[bank.which])
+    kept = np.flatnonzero((near | larger & there)[bank.which])
     begins = larger & ~there, smaller, (models.quieter >= 0) & ~np.isfinite(best)
     begins[2][begins[2]] = (near & likely)[models.quieter[begins[2]]]
     new = np.full((3, len(total)), -1)  # the model that begins with what one knows, by three ways
     for k, which in enumerate(begins):
         each = np.flatnonzero(which)
         new[k, (each - 1, each + 1, models.quieter[each])[k]] = each
-    way, those = np.nonzero(new[:, kept.which] >= 0)
-    if not those.size:
-        return kept
-    by = _of_neighbours(kept.part(those), new[way, kept.which[those]], errors, there)
-    return joined([kept, by])
+    way, those = np.nonzero(new[:, bank.which[kept]] >= 0)
+    begun = new[way, bank.which[kept[those]]]
+    bank = bank.part(np.append(kept, kept[those]))
+    _begin(bank, begun, errors, there)
+    return bank
 
 
-def _of_neighbours(those: Hypotheses, new: Integers, count: int, there: Booleans) -> Hypotheses:
-    """Return hypotheses as of the models `new` (K,): the same map error is another number of
-    1-sigmas. Where that model is there, it is negligible, and begins as such."""
-    models, old = those.models, those.which
+def _begin(bank: Hypotheses, new: Integers, count: int, there: Booleans) -> None:
+    """Make the last hypotheses those of the models `new` (K,), in place: the same map error is
+    another number of 1-sigmas. Where that model is there, it is negligible, and begins as such."""
+    last = slice(len(bank) - len(new), None)
+    mean, covariance = bank.mean[last], bank.covariance[last]
+    models, old = bank.models, bank.which[last].copy()
     sigma, prior = models.sigma, models.log_prior
     errors = slice(BATCH_STATES, BATCH_STATES + count)
     exact = sigma[new] == 0.0
     ratio = np.where(exact, 0.0, sigma[old] / np.where(exact, 1.0, sigma[new]))[:, None]
-    mean, covariance = those.mean.copy(), those.covariance.copy()
     mean[:, errors] *= ratio
     covariance[:, errors] *= ratio[..., None]
     covariance[:, :, errors] *= ratio[..., None]
     begun = (models.initial[old] == 0.0) * models.initial[new] ** 2
     diagonal = np.arange(BATCH_STATES, BATCH_STATES + begun.shape[1])
     covariance[:, diagonal, diagonal] += begun
-    less = np.where(there[new], NEGLIGIBLE, 0.0)
-    log_weight = those.log_weight + prior[new] - prior[old] - less
-    return Hypotheses(models, new, log_weight, mean, covariance)
+    bank.log_weight[last] += prior[new] - prior[old] - np.where(there[new], NEGLIGIBLE, 0.0)
+    bank.which[last] = new

@@ -448,10 +448,8 @@ def _filtered(
             less = gain - p * q * (innovation / S) ** 2
         for i in range(c):
             x[i] += PH[i] * innovation * gain
-            weighted = PH[i] * less
-            for j in range(i + 1):
-                P[i, j] -= weighted * PH[j]
-                P[j, i] = P[i, j]
+            for j in range(c):
+                P[i, j] -= less * (PH[i] * PH[j])
     evidence -= 0.5 * (square + math.log(determinant))
     return evidence - 0.5 * z.shape[0] * math.log(2.0 * math.pi)
 

@@ -16,6 +16,7 @@ evidence (docs/mathematics.md, sections 4 to 9).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -86,9 +87,14 @@ class Pmht:
         cls, matchers: Sequence[MatcherSettings], names: Sequence[str], lead: int
     ) -> "Pmht":
         """Build that of several fields; raises InputError on a bad option."""
-        for one in matchers:
-            options_of(one)
-        return cls(tuple(matchers), tuple(names), lead)
+        matcher = cls(tuple(matchers), tuple(names), lead)
+        _ = matcher.curved  # says what is bad
+        return matcher
+
+    @cached_property
+    def curved(self) -> tuple[float, ...]:
+        """`models.Options.curved` of each field."""
+        return tuple(options_of(one).curved for one in self.settings)
 
     def match(
         self, batch: Batch, field_map: AnyMap, memory: Memory | None
@@ -210,10 +216,11 @@ class Pmht:
             field = fields[one.field]
             if new is None or field.bank is None:
                 continue
-            curved = options_of(self.settings[one.field]).curved
-            bank, log = field.bank.informed(total(said.values()), prior).normalised(), 0.0
+            bank, log = field.bank, 0.0
+            if said:
+                bank = bank.informed(total(said.values()), prior).normalised()
             for part in parts_of(new):
-                whole = bank.split(one.field_map, part, curved=curved)
+                whole = bank.split(one.field_map, part, curved=self.curved[one.field])
                 seen = whole.observed(one.field_map, part)
                 if not len(seen):
                     break
@@ -229,8 +236,8 @@ class Pmht:
             said[one.field] = added(bank, prior, total(said.values()))
         order = list(said)
         for index, field in fields.items():
-            if field.bank is not None:
-                since = order[order.index(index) + 1 :] if index in said else order
+            since = order[order.index(index) + 1 :] if index in said else order
+            if field.bank is not None and since:
                 later = field.bank.informed(total(said[k] for k in since), prior).normalised()
                 fields[index] = field._replace(bank=later)
         return memory._replace(fields=fields), total(said.values()), evidence

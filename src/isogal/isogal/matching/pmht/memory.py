@@ -128,16 +128,18 @@ def _passed(
     """Return a field's hypotheses at the end of a passage, where the navigator's estimate has
     jumped by so much (7,) at its beginning, and those of the slow errors were `slow` (n - 7,)
     before."""
-    states = min(len(passage.mean), len(one.states.moving))
-    moving = one.states.moving[:states]
-    mean, whole = bank.mean.copy(), np.eye(bank.mean.shape[1])
+    moving = one.states.moving[: len(passage.mean)]
+    states = len(moving)
+    mean, covariance = bank.mean.copy(), bank.covariance.copy()
     if slow is not None and states > BATCH_STATES:
         mean[:, moving[BATCH_STATES:]] += passage.slow[0] - slow
     if jump is not None:
         # the same heading error is one of another velocity now (docs/mathematics.md, section 3.17)
-        whole[2, HEADING], whole[3, HEADING] = -jump[3], jump[2]
-    covariance = whole @ bank.covariance @ whole.T
-    bank = bank.changed(mean=mean @ whole.T, covariance=covariance)
+        for velocity, by in ((2, -jump[3]), (3, jump[2])):
+            mean[:, velocity] += by * mean[:, HEADING]
+            covariance[:, velocity] += by * covariance[:, HEADING]
+            covariance[:, :, velocity] += by * covariance[:, :, HEADING]
+    bank = bank.changed(mean=mean, covariance=covariance)
     return bank.passed(passage.part(states), moving)
 
 
