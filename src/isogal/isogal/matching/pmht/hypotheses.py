@@ -237,22 +237,23 @@ class Hypotheses:
         P = across[:, which]
         positive = positive_part(information, np.sqrt(np.diag(prior)))
         M, vector = information.matrix - positive.matrix, information.vector - positive.vector
-        square = P + mean[:, :, None] * mean[:, None, :]
-        withdrawn = -np.einsum("ij,kij->k", M, square)  # the mean of -x' M x
+        # the mean of -x' M x
+        withdrawn = -np.einsum("ij,kij->k", M, P) - ((mean @ M) * mean).sum(axis=1)
         share = 1.0 / np.maximum(withdrawn / (1.0 - 1.0 / LARGEST_RATIO), 1.0)
         believed = np.ones(len(self)) if less is None else 1.0 / less
         M = believed[:, None, None] * (positive.matrix + share[:, None, None] * M)
         vector = believed[:, None] * (positive.vector + share[:, None] * vector)
         left = vector - np.einsum("kij,kj->ki", M, mean)
         inner = np.eye(n) + M @ P
-        less = np.linalg.solve(inner, M)
-        right = np.linalg.solve(inner, left[..., None])[..., 0]
+        solved = np.linalg.solve(inner, np.concatenate([M, left[..., None]], axis=2))
+        less, right = solved[..., :n], solved[..., n]
+        shift = np.einsum("kij,kj->ki", across, right)
         evidence = 0.5 * np.einsum("ki,ki->k", mean, vector + left)
-        evidence += 0.5 * np.einsum("ki,kij,kj->k", left, P, right)
+        evidence += 0.5 * np.einsum("ki,ki->k", left, shift[:, which])
         evidence -= 0.5 * np.linalg.slogdet(inner)[1]
         return self.changed(
             log_weight=self.log_weight + evidence,
-            mean=self.mean + np.einsum("kij,kj->ki", across, right),
+            mean=self.mean + shift,
             covariance=self.covariance - across @ less @ across.swapaxes(1, 2),
         )
 

@@ -628,10 +628,13 @@ def merged(
             continue
         p = q = r = 0.0  # the covariance [[p, q], [q, r]] of the place
         for i in range(size):
+            north = east = 0.0
             for j in range(size):
-                p += of_place[0, i] * covariance[a, i, j] * of_place[0, j]
-                q += of_place[0, i] * covariance[a, i, j] * of_place[1, j]
-                r += of_place[1, i] * covariance[a, i, j] * of_place[1, j]
+                north += covariance[a, i, j] * of_place[0, j]
+                east += covariance[a, i, j] * of_place[1, j]
+            p += of_place[0, i] * north
+            q += of_place[0, i] * east
+            r += of_place[1, i] * east
         det = p * r - q * q
         b = a + 1
         while b < count and which[b] == which[a]:
