@@ -117,7 +117,8 @@ def at_cells(
 
 def longest(covariance: Array) -> float:
     """Return the 1-sigma of a place of covariance (2, 2) along the longer axis of its ellipse."""
-    return math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
+    (p, q), (_, r) = covariance.tolist()
+    return math.sqrt(0.5 * (p + r) + math.hypot(0.5 * (p - r), q))
 
 
 def log_normal(centres: Array, covariance: Array) -> Array:

@@ -173,7 +173,6 @@ class Pmht:
         self, each: Sequence[SecondaryBatch], memory: Memory, prior: Array
     ) -> tuple[Memory, list[Rows | None]]:
         """Return the new readings of each field, and the memory that knows of these fields."""
-        wide = longest(prior[:2, :2]) > WIDE_M
         passage = each[0].batch.history.passage
         fields, rows = dict(memory.fields), []
         for one in each:
@@ -182,6 +181,7 @@ class Pmht:
                 states = States.of(one.batch, one.field_map)
                 known = assumed(self.settings[one.field], one.batch, one.field_map)
                 models = models_of(known, states)
+                wide = longest(prior[:2, :2]) > WIDE_M
                 lost = wide if one.field == self.lead else fields[self.lead].bank is None
                 bank = None
                 if not lost:
