@@ -149,6 +149,13 @@ def test_a_navigator_that_is_worse_than_it_says_has_been_told_less() -> None:
         np.testing.assert_allclose(gained * size, expected * size, atol=2e-3)
 
 
+def test_kernels_take_the_dynamics_of_a_passage_as_those_of_a_search() -> None:
+    """In one memory layout; for another they would be compiled anew."""
+    passage = driven()[0].passage(float(BEGIN))
+    assert passage is not None
+    assert all(one.flags.c_contiguous for one in passage.transition)
+
+
 def test_before_any_sample_nothing_has_become_of_an_error() -> None:
     model = filter_model(CAR)
     still = Estimate(np.array([0.7, 0.2, 0.0]), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
