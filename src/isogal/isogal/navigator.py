@@ -105,7 +105,8 @@ class Navigator:
         self._has_arm = any(assumed.gravimeter.lever_arm)
         self._ends = time, time
         """Of the batch before the newest, and of the newest, s."""
-        self._scan_times = np.empty(0)
+        self._row_times = np.empty(0)
+        """Of the newest batch, s."""
         self._passed = [0] * len(each)
         """Readings of each field before it was aligned."""
         self._each_scan = assumed.matcher.mode == "retrodiction"
@@ -215,7 +216,7 @@ class Navigator:
         self._ends = self._ends[1], self.time
         self.inertial.keep(self.time)
         matched = self.matching.match(self.state.batch_prior, passage=passage)
-        self._scan_times = np.unique(matched.batch.time)  # a scan of several channels has rows
+        self._row_times = matched.batch.time
         return matched
 
     def smoothed(self, time: Array) -> list[FilterState]:
@@ -266,6 +267,7 @@ class Navigator:
         retrodiction; the fix itself where it has none, or makes the navigator less certain."""
         if fix.widening is not None or fix.scan_position is None:
             return [(fix.time, fix)]
-        times = self._scan_times[-len(fix.scan_position) :]
+        times = np.unique(self._row_times)  # a scan of several channels has several rows
+        times = times[-len(fix.scan_position) :]
         found = [(float(time), fix.of_scan(k)) for k, time in enumerate(times)]
         return [(time, one) for time, one in found if one is not None and time > self._ends[0]]

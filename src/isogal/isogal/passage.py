@@ -118,6 +118,7 @@ class Passage:
         scale = np.sqrt(np.diag(self.smoothed))
         unit = self.smoothed / np.outer(scale, scale)
         forward = np.linalg.solve(unit, self.cross / scale[:, None]).T / scale
+        forward = np.ascontiguousarray(forward)  # for another layout kernels are compiled anew
         return forward, symmetric(self.after - forward @ self.cross)
 
 

@@ -11,6 +11,7 @@ from helpers.bank import models
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import VelocityReading
+from isogal.fusion.passage import rows_of
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH_STATES, HEADING, Estimate
 from isogal.inertial.rotations import cross_matrix, from_rotation_vector, multiply
@@ -111,6 +112,22 @@ def test_what_a_bias_adds_is_not_taken_for_new_at_every_fix() -> None:
     assert after < passage.after[HEADING, HEADING] + 0.3 * 99.0 * grown
 
 
+@pytest.mark.parametrize(
+    ("keys", "followed"),
+    [
+        (["imu.grade=navigation"], False),
+        (["imu.grade=tactical"], True),
+        (["velocity.kind=log"], True),
+        (["gnss.available=[[0, 600]]"], True),
+        (["gnss={available: [[0, 600]], judged: false}"], False),
+    ],
+)
+def test_slow_errors_are_followed_where_they_decide(keys, followed) -> None:
+    model = filter_model(changed_scenario(Scenario(), keys, "test"))
+    assert model.slow_errors == followed
+    assert (len(rows_of(model)) > BATCH_STATES) == followed
+
+
 def test_a_navigator_that_is_worse_than_it_says_has_been_told_less() -> None:
     """What the odometer says of the heading at the beginning tells a model of a hundredfold growth
     a hundredth of it."""
@@ -130,6 +147,13 @@ def test_a_navigator_that_is_worse_than_it_says_has_been_told_less() -> None:
         sigma = np.sqrt(np.diag(S))
         size = np.outer(sigma, sigma)
         np.testing.assert_allclose(gained * size, expected * size, atol=2e-3)
+
+
+def test_kernels_take_the_dynamics_of_a_passage_as_those_of_a_search() -> None:
+    """In one memory layout; for another they would be compiled anew."""
+    passage = driven()[0].passage(float(BEGIN))
+    assert passage is not None
+    assert all(one.flags.c_contiguous for one in passage.transition)
 
 
 def test_before_any_sample_nothing_has_become_of_an_error() -> None:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from isogal.earth.ellipsoid import A
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fusion import imu_states
 from isogal.fusion.auxiliary import AuxiliaryState
@@ -39,6 +40,9 @@ UNSURE, SOON = 0.1, 3600.0
 linear in it. Sigma points as far out as that would make a turn of the velocity shorter than it is,
 and each change of speed a measurement of the heading (docs/mathematics.md, section 3.17); close to
 the centre they are the derivative."""
+ADRIFT = 2e3
+"""m that biases may add to the position in that time before a matcher has to follow them: over as
+much what a map shows changes."""
 CLOSE = 0.1
 """Spread of the sigma points there, of that of the others."""
 
@@ -78,6 +82,7 @@ def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> Filte
     turn = noise[5] * math.sqrt(SOON) + sensors.gyroscope.bias[2] * SOON
     unsure = math.hypot(heading, turn) > UNSURE
     biases = np.maximum(bias_sigma(sensors), _BIAS_FLOOR)
+    adrift = _drift(*biases.reshape(2, 3)[:, :2].max(axis=1)) > ADRIFT
     return FilterModel(
         noise=(*noise[:2], math.hypot(noise[2], UNKNOWN_GRAVITY), *noise[3:]),
         initial_sigma=(*sigma, *biases.tolist()),
@@ -88,12 +93,22 @@ def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> Filte
         height_contents=height_contents(auxiliary) if height.measured else (),
         alpha=CLOSE if unsure else 1.0,
         unsure_heading=unsure,
+        slow_errors=unsure or bool(assumed.velocity_aids) or assumed.gnss.doubted or adrift,
         auxiliary=auxiliary,
         gravity=gravity,
         preintegrated=assumed.samples_per_step > 1,
         false_rejection=assumed.fusion.false_rejection,
         judges_satellites=assumed.gnss.judged,
     )
+
+
+def _drift(accelerometer: float, gyroscope: float) -> float:
+    """Return how far biases (m/s² and rad/s, 1-sigma) of horizontal axes take a navigator in
+    `SOON`, m (Titterton & Weston 2004, section 12.3)."""
+    schuler = math.sqrt(9.8 / A)
+    by_force = (1.0 - math.cos(schuler * SOON)) * accelerometer / schuler**2
+    by_rate = (SOON - math.sin(schuler * SOON) / schuler) * gyroscope * A
+    return math.hypot(by_force, by_rate)
 
 
 def _gravity_states(gravity: KnownGravity) -> tuple[AuxiliaryState, ...]:

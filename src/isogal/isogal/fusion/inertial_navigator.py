@@ -312,10 +312,9 @@ class InertialNavigator:
         ends = np.cumsum([len(segment.time) for segment in used]) - 1
         rows[ends] = [track_row(segment.after.merged) for segment in used]
         index = np.searchsorted(stamps, np.asarray(time) + AT_ONCE, side="right") - 1
-        found = rows[index]
-        for row, ahead in zip(found, np.asarray(time) - stamps[index], strict=True):
-            if ahead > AT_ONCE:
-                row[:3] = dead_reckoned(row[:3], row[3:6], ahead)
+        found, ahead = rows[index], np.asarray(time) - stamps[index]
+        for k in np.flatnonzero(ahead > AT_ONCE):
+            found[k, :3] = dead_reckoned(found[k, :3], found[k, 3:6], ahead[k])
         return found
 
     def smoothed(self, time: Array) -> list[FilterState]:

@@ -49,6 +49,10 @@ class FilterModel:
     height, 1/m; () = nothing."""
     unsure_heading: bool = False
     """Whether the heading may be wrong by more than what sines are linear in."""
+    slow_errors: bool = False
+    """Whether matchers follow slow errors of the sensors, too (`Passage`): where the vehicle goes
+    where the heading points, so that a gyroscope's bias decides; where satellites that may be
+    wrong have told biases by what they make of the tilt; where biases lead away by kilometres."""
     judges_satellites: bool = True
     """Whether inertial data may show that satellites are wrong."""
     places: dict[str, int] = field(init=False, repr=False, compare=False)

@@ -45,7 +45,7 @@ def rows_of(model: FilterModel) -> Array:
     """Return (n, N) the states of a passage per unit of the filter's."""
     places = {name: k for k, name in enumerate(FILTER_NAMES)} | model.places
     rows = [np.eye(model.states)[k] for k in BATCH]
-    for names in SLOW:
+    for names in SLOW if model.slow_errors else ():
         row = np.zeros(model.states)
         row[[places[name] for name in names if name in places]] = 1.0
         rows.append(row)

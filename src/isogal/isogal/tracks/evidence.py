@@ -358,7 +358,8 @@ def _of_instrument(readings: Rows, rows: Groups, initial: Array) -> Array:
     nothing = np.zeros((len(readings.level), BATCH_STATES, BATCH_STATES))
     covariance, gone = map(rows.mean, states_at(readings, nothing, initial))
     order = rows.mean(np.arange(float(len(readings.level))))
-    return in_common(rows.mean(readings.reading), covariance, gone, order)
+    left = np.exp(-np.abs(gone[:, None] - gone))
+    return in_common(rows.mean(readings.reading), covariance, left, order)
 
 
 def correlations(distance: Array, lengths: Array) -> list[Array]:

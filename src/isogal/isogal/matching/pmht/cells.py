@@ -84,9 +84,12 @@ class Ranked:
     def share(self, place: Array, reach: float) -> float:
         """Return the probability of cells within a reach (m) of a place (2,)."""
         near = np.hypot(*(self.centres - place).T) < reach
-        log = self.log_density
-        whole = np.logaddexp.reduce(log, axis=None)
-        return float(np.exp(log[near] - whole).sum()) if whole > -np.inf else 0.0
+        log, best = self.log_density, self.log_density.max()
+        if not best > -np.inf:
+            return 0.0
+        # exponentials of double precision took a tenth of a look
+        density = np.exp((log - best).astype(np.float32)).sum(axis=1)
+        return float(density[near].sum() / density.sum())
 
 
 def at_cells(
@@ -114,7 +117,8 @@ def at_cells(
 
 def longest(covariance: Array) -> float:
     """Return the 1-sigma of a place of covariance (2, 2) along the longer axis of its ellipse."""
-    return math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
+    (p, q), (_, r) = covariance.tolist()
+    return math.sqrt(0.5 * (p + r) + math.hypot(0.5 * (p - r), q))
 
 
 def log_normal(centres: Array, covariance: Array) -> Array:
@@ -184,11 +188,12 @@ class Seen:
         noise = mean(rows.noise) / size
         other = np.zeros((len(noise), len(noise)))
         covariance, gone = map(mean, states_at(rows, since, models.initial[0]))
+        left = np.exp(-np.abs(gone[:, None] - gone))
         order = mean(np.arange(float(len(rows.level))))
         for effect, unit in (
             (grouped.reading, 1.0), (grouped.place[:, 0], slope), (grouped.place[:, 1], slope)
         ):  # fmt: skip
-            other += unit * in_common(effect, covariance, gone, order)
+            other += unit * in_common(effect, covariance, left, order)
         time = mean(np.cumsum(rows.elapsed))
         filters = {lag: low_pass(time, lag) for lag in np.unique(models.lag).tolist()}
         load = grouped.load[models.shape[0]]
@@ -219,7 +224,7 @@ class Seen:
             values, vectors = np.linalg.eigh(through @ self.shape @ through.T)
             y = self.rows.level - self.rows.added
             turned = (vectors.T @ through).astype(np.float32) @ residual
-            turned += (vectors.T @ factor @ (y - F @ y)).astype(np.float32)[:, None]
+            turned += (vectors.T @ (factor @ (y - F @ y))).astype(np.float32)[:, None]
             variance = 1.0 + np.outer(models.sigma[which] ** 2, np.maximum(values, 0.0))
             constant = models.log_prior[which] - 0.5 * np.log(variance).sum(axis=1)
             constant += np.log(np.diag(factor)).sum()
@@ -252,7 +257,7 @@ def slopes(field_map: AnyMap, latitude: Array, longitude: Array, distance: Array
     return decay(distance, FEATURE_M) * (0.5 * known.mean() if len(known) else 0.0)
 
 
-def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Array:
+def in_common(effect: Array, covariance: Array, left: Array, order: Array) -> Array:
     """Return (n, n) the covariance that states put into rows.
 
     Parameters
@@ -261,20 +266,19 @@ def in_common(effect: Array, covariance: Array, gone: Array, order: Array) -> Ar
         What the states put into each row.
     covariance : (n, S, S) array
         Of the states, as they are at each row.
-    gone : (n, S) array
-        Negative log of the share of each state's first value that is left.
+    left : (n, n, S) array
+        The share of each state at one of two rows that is left at the other.
     order : (n,) array
         Grows with time: what joins the states at a row, later ones have too.
     """
-    left = np.exp(-np.abs(gone[:, None] - gone))
     across = (np.einsum("ti,tij->tj", effect, covariance)[:, None] * left * effect).sum(axis=2)
     return np.asarray(np.where(order[:, None] <= order, across, across.T))
 
 
 def states_at(rows: Rows, since: Array, initial: Array) -> tuple[Array, Array]:
-    """Return `covariance` and `gone` of `in_common` of all states of rows but the map's errors,
-    by what is unknown of x at each of them (n, 7, 7) and 1-sigmas before the first one of the
-    others."""
+    """Return of all states of rows but the map's errors `covariance` of `in_common`, and (n, S)
+    the negative log of the share of each state's first value that is left, by what is unknown of x
+    at each of them (n, 7, 7) and 1-sigmas before the first one of the others."""
     n, first = BATCH_STATES, BATCH_STATES + rows.load.shape[2]
     covariance = np.zeros((len(since), n + len(initial), n + len(initial)))
     covariance[:, :n, :n] = since
@@ -292,9 +296,10 @@ def residuals_at(rows: Rows, grid: Grid, centres: Array) -> Array:
     be, and less what these put into them; NaN off the map."""
     out = np.empty((len(rows.level), len(centres)))
     row, column = np.empty((2, len(centres)), dtype=np.int64)
+    errors = np.ascontiguousarray(centres.T)
     for t, there in enumerate(out):
-        moved = centres @ (rows.place[t, :, :2] * rows.radian[t][:, None]).T
-        lat, lon = rows.latitude[t] - moved[:, 0], rows.longitude[t] - moved[:, 1]
+        north, east = (rows.place[t, :, :2] * rows.radian[t][:, None]) @ errors
+        lat, lon = rows.latitude[t] - north, rows.longitude[t] - east
         look_up(grid, lat, lon, rows.channel[t], row, column, there)
-        there[:] = rows.level[t] - centres @ rows.reading[t, :2] - there
+        there[:] = rows.level[t] - rows.reading[t, :2] @ errors - there
     return out

@@ -35,16 +35,15 @@ variance of 1; theirs loses 4.5 % of it at each split."""
 MOST, USUAL_STATES = 3500, BATCH_STATES + 2 + len(UNKNOWN)
 """Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
 NEGLIGIBLE = 10.0
-"""Log of how much less probable than the best of its neighbours a model is where it is left out
-(`with_needed`)."""
+"""Log of how much less probable than the best of its neighbours a model is where it is left out."""
 LIGHT = NEGLIGIBLE / 2.0
-"""The same where all of them are less probable than the best model by this log."""
+"""The same where all neighbours are less probable than the best model by this log."""
 UNEXPLAINED_SHARE = 0.5
 """Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
-FLOOR = 16.0
-"""Log of how much less probable than all together a place may be before it is dropped, if it is
-not the best of its model; and of how much less than the best the best model of no group
-(`Models.group`) may become: what was wrong for hours may become right."""
+FLOOR = NEGLIGIBLE + LIGHT
+"""Log of how much less probable than all together a place is where it is not split, and is dropped
+unless it is the best of its model; and of how much less than the best the best model of no group
+(`Models.group`) becomes: what was wrong for hours may become right."""
 CREDIBLE = 2.0
 """A fault is published where readings have made it so many times as probable as it was: a wide
 model of a few percent would widen what is published for ever."""
@@ -140,7 +139,9 @@ class Hypotheses:
         whole, done = self, list[Hypotheses]()
         while True:
             sigma = np.sqrt(whole.covariance[:, HEADING, HEADING])
-            cut = (sigma > UNSURE) & (whole.log_weight > self._least)
+            cut = sigma > UNSURE
+            if cut.any():
+                cut &= whole.log_weight > self.log_evidence - FLOOR
             room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
             if not cut.any() or cut.sum() > room:
                 break
@@ -163,7 +164,7 @@ class Hypotheses:
         """Split those over which the map is not nearly linear (`CURVED`), along the worst axis,
         into at most so many."""
         whole, done, most = self, list[Hypotheses](), most or self.most
-        where, least = (field_map.grid, field_map.sigma_grid, rows), self._least
+        where, least = (field_map.grid, field_map.sigma_grid, rows), self.log_evidence - FLOOR
         while True:  # `most` ends it on a map as rough as that
             asked, along = whole.log_weight > least, np.zeros_like(whole.mean)
             them = whole.models, whole.which, whole.mean, whole.covariance
@@ -234,22 +235,23 @@ class Hypotheses:
         P = across[:, which]
         positive = positive_part(information, np.sqrt(np.diag(prior)))
         M, vector = information.matrix - positive.matrix, information.vector - positive.vector
-        square = P + mean[:, :, None] * mean[:, None, :]
-        withdrawn = -np.einsum("ij,kij->k", M, square)  # the mean of -x' M x
+        # the mean of -x' M x
+        withdrawn = -np.einsum("ij,kij->k", M, P) - ((mean @ M) * mean).sum(axis=1)
         share = 1.0 / np.maximum(withdrawn / (1.0 - 1.0 / LARGEST_RATIO), 1.0)
         believed = np.ones(len(self)) if less is None else 1.0 / less
         M = believed[:, None, None] * (positive.matrix + share[:, None, None] * M)
         vector = believed[:, None] * (positive.vector + share[:, None] * vector)
         left = vector - np.einsum("kij,kj->ki", M, mean)
         inner = np.eye(n) + M @ P
-        less = np.linalg.solve(inner, M)
-        right = np.linalg.solve(inner, left[..., None])[..., 0]
+        solved = np.linalg.solve(inner, np.concatenate([M, left[..., None]], axis=2))
+        less, right = solved[..., :n], solved[..., n]
+        shift = np.einsum("kij,kj->ki", across, right)
         evidence = 0.5 * np.einsum("ki,ki->k", mean, vector + left)
-        evidence += 0.5 * np.einsum("ki,kij,kj->k", left, P, right)
+        evidence += 0.5 * np.einsum("ki,ki->k", left, shift[:, which])
         evidence -= 0.5 * np.linalg.slogdet(inner)[1]
         return self.changed(
             log_weight=self.log_weight + evidence,
-            mean=self.mean + np.einsum("kij,kj->ki", across, right),
+            mean=self.mean + shift,
             covariance=self.covariance - across @ less @ across.swapaxes(1, 2),
         )
 
@@ -286,7 +288,7 @@ class Hypotheses:
             them = them.part(np.argsort(-them.log_weight)[: self.most])
         order = np.lexsort((-them.log_weight, them.which))
         which = them.which[order]
-        kept = them.log_weight[order] > them._least
+        kept = them.log_weight[order] > them.log_evidence - FLOOR
         kept[0], kept[1:] = True, kept[1:] | (which[1:] != which[:-1])
         them = them.merged(order[kept], of_place)
         best = largest(them.of_models, self.models.group)
@@ -310,11 +312,6 @@ class Hypotheses:
         total = np.full(len(self.models.sigma), -np.inf)
         np.logaddexp.at(total, self.which, self.log_weight)
         return total
-
-    @property
-    def _least(self) -> float:
-        """The log weight from which a place counts; each model has its best one besides."""
-        return float(np.logaddexp.reduce(self.log_weight)) - FLOOR
 
     def moved(self, by: Array) -> "Hypotheses":
         """Return them relative to a navigator that has taken an error (7,) off its estimate."""
@@ -377,9 +374,8 @@ class Hypotheses:
 
 
 def at_same_time(states: int) -> float:
-    """Return what share of hypotheses of the usual number of states takes as long: an update goes
-    over the covariance."""
-    return min(1.0, USUAL_STATES / states) ** 2
+    """Return what share of hypotheses of the usual number of states takes about as long."""
+    return min(1.0, USUAL_STATES / states)
 
 
 def joined(parts: Sequence[Hypotheses]) -> Hypotheses:
@@ -409,35 +405,35 @@ def with_needed(bank: Hypotheses, errors: int) -> Hypotheses:
     larger, smaller = np.zeros((2, len(total)), bool)
     larger[1:] = near[:-1] & alike & ~near[1:]
     smaller[:-1] = near[1:] & alike & ~near[:-1] & ~larger[:-1]
-    kept = bank.part((near | larger & there)[bank.which])
+    kept = np.flatnonzero((near | larger & there)[bank.which])
     begins = larger & ~there, smaller, (models.quieter >= 0) & ~np.isfinite(best)
     begins[2][begins[2]] = (near & likely)[models.quieter[begins[2]]]
     new = np.full((3, len(total)), -1)  # the model that begins with what one knows, by three ways
     for k, which in enumerate(begins):
         each = np.flatnonzero(which)
         new[k, (each - 1, each + 1, models.quieter[each])[k]] = each
-    way, those = np.nonzero(new[:, kept.which] >= 0)
-    if not those.size:
-        return kept
-    by = _of_neighbours(kept.part(those), new[way, kept.which[those]], errors, there)
-    return joined([kept, by])
+    way, those = np.nonzero(new[:, bank.which[kept]] >= 0)
+    begun = new[way, bank.which[kept[those]]]
+    bank = bank.part(np.append(kept, kept[those]))
+    _begin(bank, begun, errors, there)
+    return bank
 
 
-def _of_neighbours(those: Hypotheses, new: Integers, count: int, there: Booleans) -> Hypotheses:
-    """Return hypotheses as of the models `new` (K,): the same map error is another number of
-    1-sigmas. Where that model is there, it is negligible, and begins as such."""
-    models, old = those.models, those.which
+def _begin(bank: Hypotheses, new: Integers, count: int, there: Booleans) -> None:
+    """Make the last hypotheses those of the models `new` (K,), in place: the same map error is
+    another number of 1-sigmas. Where that model is there, it is negligible, and begins as such."""
+    last = slice(len(bank) - len(new), None)
+    mean, covariance = bank.mean[last], bank.covariance[last]
+    models, old = bank.models, bank.which[last].copy()
     sigma, prior = models.sigma, models.log_prior
     errors = slice(BATCH_STATES, BATCH_STATES + count)
     exact = sigma[new] == 0.0
     ratio = np.where(exact, 0.0, sigma[old] / np.where(exact, 1.0, sigma[new]))[:, None]
-    mean, covariance = those.mean.copy(), those.covariance.copy()
     mean[:, errors] *= ratio
     covariance[:, errors] *= ratio[..., None]
     covariance[:, :, errors] *= ratio[..., None]
     begun = (models.initial[old] == 0.0) * models.initial[new] ** 2
     diagonal = np.arange(BATCH_STATES, BATCH_STATES + begun.shape[1])
     covariance[:, diagonal, diagonal] += begun
-    less = np.where(there[new], NEGLIGIBLE, 0.0)
-    log_weight = those.log_weight + prior[new] - prior[old] - less
-    return Hypotheses(models, new, log_weight, mean, covariance)
+    bank.log_weight[last] += prior[new] - prior[old] - np.where(there[new], NEGLIGIBLE, 0.0)
+    bank.which[last] = new

@@ -448,10 +448,8 @@ def _filtered(
             less = gain - p * q * (innovation / S) ** 2
         for i in range(c):
             x[i] += PH[i] * innovation * gain
-            weighted = PH[i] * less
-            for j in range(i + 1):
-                P[i, j] -= weighted * PH[j]
-                P[j, i] = P[i, j]
+            for j in range(c):
+                P[i, j] -= less * (PH[i] * PH[j])
     evidence -= 0.5 * (square + math.log(determinant))
     return evidence - 0.5 * z.shape[0] * math.log(2.0 * math.pi)
 
@@ -630,10 +628,13 @@ def merged(
             continue
         p = q = r = 0.0  # the covariance [[p, q], [q, r]] of the place
         for i in range(size):
+            north = east = 0.0
             for j in range(size):
-                p += of_place[0, i] * covariance[a, i, j] * of_place[0, j]
-                q += of_place[0, i] * covariance[a, i, j] * of_place[1, j]
-                r += of_place[1, i] * covariance[a, i, j] * of_place[1, j]
+                north += covariance[a, i, j] * of_place[0, j]
+                east += covariance[a, i, j] * of_place[1, j]
+            p += of_place[0, i] * north
+            q += of_place[0, i] * east
+            r += of_place[1, i] * east
         det = p * r - q * q
         b = a + 1
         while b < count and which[b] == which[a]:

@@ -16,6 +16,7 @@ evidence (docs/mathematics.md, sections 4 to 9).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -30,16 +31,18 @@ from isogal.matching.interfaces import (
     SecondaryBatch,
     declined,
 )
-from isogal.matching.pmht.cells import longest
+from isogal.matching.pmht.cells import FEATURE_M, longest
 from isogal.matching.pmht.hypotheses import Hypotheses, with_needed
 from isogal.matching.pmht.memory import Memory, decided, undeceived
 from isogal.matching.pmht.models import RARE, assumed, models_of, options_of
 from isogal.matching.pmht.publish import added, published, total
 from isogal.matching.pmht.rows import Rows, parts_of, rows_of
 from isogal.matching.pmht.search import (
+    LIKELY,
     WIDE_M,
     Diverged,
     FieldMemory,
+    probability_at,
     pursued,
     resolved,
 )
@@ -84,9 +87,14 @@ class Pmht:
         cls, matchers: Sequence[MatcherSettings], names: Sequence[str], lead: int
     ) -> "Pmht":
         """Build that of several fields; raises InputError on a bad option."""
-        for one in matchers:
-            options_of(one)
-        return cls(tuple(matchers), tuple(names), lead)
+        matcher = cls(tuple(matchers), tuple(names), lead)
+        _ = matcher.curved  # says what is bad
+        return matcher
+
+    @cached_property
+    def curved(self) -> tuple[float, ...]:
+        """`models.Options.curved` of each field."""
+        return tuple(options_of(one).curved for one in self.settings)
 
     def match(
         self, batch: Batch, field_map: AnyMap, memory: Memory | None
@@ -127,9 +135,10 @@ class Pmht:
         bank = memory.fields[self.lead].bank
         if bank is None:
             return declined(batch, "the place is searched for"), memory
+        astray = None if found else self._astray(memory, batch, field_map)
         reset, widened = False, None
         anew = found and lead.bank is not None
-        misled = memory.refused >= REFUSED and resolved(bank)
+        misled = astray is None and memory.refused >= REFUSED and resolved(bank)
         if anew or misled:
             mean, covariance = bank.moments()
             # outside of where it is all but sure to be (chi-square of 2 degrees of freedom)
@@ -140,14 +149,30 @@ class Pmht:
         if found or misled:
             information = added(bank, prior, total(()))
         each_scan = self.settings[self.lead].mode == "retrodiction"
-        fix, memory = published(each, memory, prior, information, self.names, each_scan)
+        fix, memory = published(each, memory, prior, information, self.names, each_scan, astray)
         return replace(fix, reset=reset, widened=widened), memory
+
+    def _astray(self, memory: Memory, batch: Batch, field_map: AnyMap) -> str | None:
+        """Why a navigator that may be anywhere within kilometres is not to be corrected: its
+        hypotheses are not one place, or one where the readings of the last hour fit no better than
+        elsewhere. None = it may be.
+
+        So far from where they are linear, hypotheses whose readings have followed them for long
+        are all too sure. Those that follow what bends the path (`States.slow`) are not."""
+        lead = memory.fields[self.lead]
+        sigma = longest(batch.covariance[:2, :2])
+        if sigma < FEATURE_M or lead.bank is None or lead.states.slow:
+            return None
+        if resolved(lead.bank):
+            mean, _ = lead.bank.moments()
+            if probability_at(memory.diverged, lead, field_map, mean) > LIKELY:
+                return None
+        return f"the navigator is too unsure of its place, 1-sigma of {sigma / 1e3:.2g} km"
 
     def _readings(
         self, each: Sequence[SecondaryBatch], memory: Memory, prior: Array
     ) -> tuple[Memory, list[Rows | None]]:
         """Return the new readings of each field, and the memory that knows of these fields."""
-        wide = longest(prior[:2, :2]) > WIDE_M
         passage = each[0].batch.history.passage
         fields, rows = dict(memory.fields), []
         for one in each:
@@ -156,6 +181,7 @@ class Pmht:
                 states = States.of(one.batch, one.field_map)
                 known = assumed(self.settings[one.field], one.batch, one.field_map)
                 models = models_of(known, states)
+                wide = longest(prior[:2, :2]) > WIDE_M
                 lost = wide if one.field == self.lead else fields[self.lead].bank is None
                 bank = None
                 if not lost:
@@ -190,10 +216,11 @@ class Pmht:
             field = fields[one.field]
             if new is None or field.bank is None:
                 continue
-            curved = options_of(self.settings[one.field]).curved
-            bank, log = field.bank.informed(total(said.values()), prior).normalised(), 0.0
+            bank, log = field.bank, 0.0
+            if said:
+                bank = bank.informed(total(said.values()), prior).normalised()
             for part in parts_of(new):
-                whole = bank.split(one.field_map, part, curved=curved)
+                whole = bank.split(one.field_map, part, curved=self.curved[one.field])
                 seen = whole.observed(one.field_map, part)
                 if not len(seen):
                     break
@@ -209,8 +236,8 @@ class Pmht:
             said[one.field] = added(bank, prior, total(said.values()))
         order = list(said)
         for index, field in fields.items():
-            if field.bank is not None:
-                since = order[order.index(index) + 1 :] if index in said else order
+            since = order[order.index(index) + 1 :] if index in said else order
+            if field.bank is not None and since:
                 later = field.bank.informed(total(said[k] for k in since), prior).normalised()
                 fields[index] = field._replace(bank=later)
         return memory._replace(fields=fields), total(said.values()), evidence

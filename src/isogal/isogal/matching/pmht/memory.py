@@ -62,7 +62,7 @@ class Memory(NamedTuple):
         """Return it at the end of the next batch, before its readings."""
         prior, before, memory = batch.covariance, self.covariance, self
         jump, passage = batch.history.correction, batch.history.passage
-        refused, first = False, max(len(batch) - batch.new - 1, 0)
+        refused, anew, first = False, False, max(len(batch) - batch.new - 1, 0)
         begin, back = self.diverged.last.time, batch.backward[first].copy()
         # the last batch ended before that where all scans are new, or one was not matched
         back[:2] -= (batch.time[first] - begin) * back[2:4]
@@ -73,9 +73,13 @@ class Memory(NamedTuple):
             off = -jump - self.taken
             if not _same(off, before):
                 # the fix was not taken as it was: if not at all, the navigator knew what it had
-                # known before; else, where it knows less than by the fix, it knew no more then
+                # known before; else, where it knows less than by the fix, it knew no more then;
+                # where it knows more, several of its states have taken the fix, each by itself:
+                # what it knows now, it knows from the same readings
                 refused = _same(jump, self.untaken)
-                before = self.untaken if refused else before + grown(before, known)[0]
+                more, narrower = grown(before, known)
+                anew = narrower and not refused and not batch.history.aided
+                before = self.untaken if refused else before + more
             memory = self.moved(off)
         forward = np.linalg.inv(back)
         if passage is None:
@@ -84,6 +88,8 @@ class Memory(NamedTuple):
         growth = grown(forward @ before @ forward.T, _of_error(passage.after))[0]
 
         def followed(one: FieldMemory, bank: Hypotheses) -> Hypotheses:
+            if anew and not one.states.slow:
+                return Hypotheses.before(one.models, prior)
             return _passed(one, bank, passage, jump, slow).aided(passage, prior)
 
         # of kilometres, what is not linear in them looks like growth
@@ -122,16 +128,18 @@ def _passed(
     """Return a field's hypotheses at the end of a passage, where the navigator's estimate has
     jumped by so much (7,) at its beginning, and those of the slow errors were `slow` (n - 7,)
     before."""
-    states = min(len(passage.mean), len(one.states.moving))
-    moving = one.states.moving[:states]
-    mean, whole = bank.mean.copy(), np.eye(bank.mean.shape[1])
+    moving = one.states.moving[: len(passage.mean)]
+    states = len(moving)
+    mean, covariance = bank.mean.copy(), bank.covariance.copy()
     if slow is not None and states > BATCH_STATES:
         mean[:, moving[BATCH_STATES:]] += passage.slow[0] - slow
     if jump is not None:
         # the same heading error is one of another velocity now (docs/mathematics.md, section 3.17)
-        whole[2, HEADING], whole[3, HEADING] = -jump[3], jump[2]
-    covariance = whole @ bank.covariance @ whole.T
-    bank = bank.changed(mean=mean @ whole.T, covariance=covariance)
+        for velocity, by in ((2, -jump[3]), (3, jump[2])):
+            mean[:, velocity] += by * mean[:, HEADING]
+            covariance[:, velocity] += by * covariance[:, HEADING]
+            covariance[:, :, velocity] += by * covariance[:, :, HEADING]
+    bank = bank.changed(mean=mean, covariance=covariance)
     return bank.passed(passage.part(states), moving)
 
 

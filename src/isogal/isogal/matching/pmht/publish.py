@@ -63,6 +63,7 @@ def published(
     information: Information,
     names: Sequence[str],
     each_scan: bool,
+    astray: str | None,
 ) -> tuple[Fix, Memory]:
     """Return the fix of a batch, and the memory of a navigator that takes it.
 
@@ -76,16 +77,18 @@ def published(
         What the readings of all fields say.
     each_scan : bool
         Whether it says what each scan is given of it (retrodiction).
+    astray : str, optional
+        Why there is to be no fix, in one line.
     """
     batch = each[0].batch
     figures = _figures(each, memory, names)
     error = _gravity_error(each, memory)
     aided = batch.history.aided
+    reason = astray or (SATELLITES if aided else NOTHING_NEW)
     mean, covariance = informed(prior, information)
     new = information.matrix.any() and (not aided or adds(prior, covariance))
-    if not new:
-        why = SATELLITES if aided else NOTHING_NEW
-        fix = replace(declined(batch, why, **figures), map_error=error)
+    if astray or not new:
+        fix = replace(declined(batch, reason, **figures), map_error=error)
         return fix, memory.after(np.zeros(BATCH_STATES), prior)
     place, spread = measurement_only(mean[:4], covariance[:4, :4], prior[:4, :4])
     bank = memory.fields[each[0].field].bank

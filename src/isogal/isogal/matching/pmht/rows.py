@@ -327,7 +327,7 @@ def _loads(
         of_row = layout.index[which]
         if layout.of_one_potential is not None:
             ratio = ratio * np.sqrt(shares(layout.of_one_potential))[channel]
-    ratio = np.tile(ratio, (len(rough), 1))
+    ratio = np.repeat(ratio[None], len(rough), axis=0)
     for k in np.flatnonzero(rough > 0.0):
         here = by_channel(field_map, channel, roughness_at, *place)
         ratio[k] = np.where(np.isfinite(here), here / rough[k], 1.0)

@@ -87,7 +87,7 @@ class States:
     def moving(self) -> Integers:
         """(n,) which states are of the navigator: its error, and slow ones of its sensors."""
         first = BATCH_STATES + self.channels
-        return np.r_[0:BATCH_STATES, first : first + self.slow]
+        return np.concatenate([np.arange(BATCH_STATES), np.arange(first, first + self.slow)])
 
     @property
     def count(self) -> int:
