@@ -135,6 +135,7 @@ def test_match_takes_both_magnetometers(tmp_path, coefficients):
     [
         ({"scalar": None}, "no column 'scalar'"),
         ({"scalar": 5e-5 * np.ones(300)}, "in nT"),
+        ({"scalar": 5e4 * np.ones(300)}, "one reading only"),
         ({"vector_x": np.zeros(300), "vector_y": np.zeros(300)}, "no calibration manoeuvres"),
         ({"time": np.zeros(300)}, "times must increase"),
         ({"latitude": np.full(300, 95.0)}, "latitude in line 2"),

@@ -53,6 +53,7 @@ def test_what_is_printed(rough, tmp_path):
         (("--from", "here", "--to", "-36,147"), "must be LATITUDE,LONGITUDE"),
         (("--from", "-36.5,147", "--to", "-36.5,147"), "the same place"),
         ((*ENDS, "--detour", "-1"), "must be > 0"),
+        ((*ENDS, "--detour", "1e9"), "less than or equal to 1"),
         ((*ENDS, "--out", "a.txt"), "must end in .yaml or .yml or .geojson"),
         ((*ENDS, "--no-go", "none.geojson"), "cannot be read"),
     ],

@@ -46,6 +46,17 @@ def test_by_hand(errors):
     assert found.gradient[0] == pytest.approx(np.sqrt(np.mean(np.sum(slope**2, axis=1))), rel=1e-4)
 
 
+def test_where_an_error_is_not_said_the_usual_one_counts():
+    field_map = field_map_of(lambda n, e: 1e-8 * n * e, step=1000.0)
+    sigma = np.full(field_map.shape, 2e-5)
+    line = np.full(5, ORIGIN[0]), ORIGIN[1] + np.linspace(0.0, 1e-3, 5)
+    whole = Errors(1e-5).covariance(replace(field_map, sigma=sigma), *line)
+    sigma = np.where(np.arange(len(sigma)) % 2, sigma.T, np.nan).T
+    np.testing.assert_allclose(
+        Errors(1e-5).covariance(replace(field_map, sigma=sigma), *line), whole
+    )
+
+
 def test_a_gridded_map_may_be_displaced():
     latitude, longitude = track()
     plain = replace(saddle(), sigma=np.full((121, 121), 2.0), correlation_length=3000.0)

@@ -96,6 +96,14 @@ def test_a_repeated_meridian_is_dropped():
     assert field_map.value(0.0, math.pi) == pytest.approx(-1e-4, abs=1e-7)
 
 
+@pytest.mark.parametrize("unknown", [math.nan, math.inf])
+def test_an_error_that_is_said_of_no_node_is_not_said(unknown):
+    axis = np.radians(np.arange(6.0))
+    field_map = FieldMap(axis, axis, np.eye(6), "m", "height", sigma=np.full((6, 6), unknown))
+    assert field_map.sigma == 0.0
+    assert not field_map.states_error
+
+
 @pytest.mark.parametrize(
     "change,words",
     [

@@ -62,6 +62,9 @@ def test_from_the_level_that_the_file_says(folder, tmp_path):
     high = load_map(out)
     assert (found["height"], high.height, found["file"]) == (1100.0, 1100.0, str(out))
     assert 0.0 < high.sigma == found["sigma"] < 1e-7
+    assert not high.states_error
+    answer("map", "convert", out, tmp_path / "stated.nc", "--sigma", "2mGal")
+    assert load_map(tmp_path / "stated.nc").usual_sigma == pytest.approx(2e-5)
     low = load_map(folder / "level.nc")
     crest = float(low.latitude.mean()) + 2500.0 / 6.36e6, float(low.longitude.mean())
     back = tmp_path / "back.nc"

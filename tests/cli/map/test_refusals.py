@@ -19,15 +19,18 @@ CASES = {
         (("--figure", "a.gif"), "a.gif: must end in .png"),
         (("--margin", "inf"), "--margin: must be finite, is inf"),
         (("--margin", "-1"), "'--margin'"),
-        (("--sensor-sigma", "0"), "--sensor-sigma: must be > 0, is 0.0"),
-        (("--map-sigma", "-1e-5"), "--map-sigma: must be >= 0, is -1e-05"),
+        ((*ROUTE, "--sensor-sigma", "0"), "--sensor-sigma: must be > 0, is 0"),
+        ((*ROUTE, "--sensor-sigma", "0.5"), "did you mean 0.5mGal?"),
+        ((*ROUTE, "--map-sigma", "-1e-5"), "--map-sigma: must be >= 0, is -1e-05"),
     ],
     "variability MAP": [
         ((*ROUTE, "--points", "4"), "must be odd"),
+        ((*ROUTE, "--points", "99999"), "must be odd, 3 to 1001, is 99999"),
     ],
     "convert MAP": [
         (("out.tif",), "out.tif: must end in .nc"),
-        (("out.nc", "--sigma", "inf"), "--sigma: must be finite, is inf"),
+        (("out.nc", "--sigma", "inf"), "--sigma: must be a number, or one with its unit"),
+        (("out.nc", "--sigma", "2"), "did you mean 2mGal?"),
     ],
     "continue MAP": [
         (

@@ -49,3 +49,5 @@ def test_blocks_are_means_of_each_line():
     assert blocks.value.mean() == pytest.approx(survey.value.mean(), abs=5e-7)
     assert np.median(blocks.sigma) == pytest.approx(2e-6 / np.sqrt(4.1), rel=0.2)
     assert block_reduced(survey, 0.0) is survey
+    with pytest.raises(InputError, match=r"blocks of 1e\+09 m .* leave"):
+        block_reduced(survey, 1e9)

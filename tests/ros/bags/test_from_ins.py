@@ -88,4 +88,7 @@ def test_a_unit_of_another_field_and_a_way_back_are_refused(tmp_path) -> None:
     assert "--unit: 'nT' does not fit gravity, which is in m/s²" in said
     said = refusal("bag", path, "--out", out, *sets)
     assert "value: 'nT' does not fit gravity, which is in m/s²" in said
+    moving = "\n".join(f"{k},{-38 + 0.001 * k},144.5,53" for k in range(9))
+    path.write_text(f"time,latitude,longitude,value\n{moving}")
+    assert "value: values 53 to 53 m/s² cannot be a gravity" in refusal("bag", path, "--out", out)
     assert not out.exists()

@@ -87,7 +87,7 @@ def _readings(scenario: "Scenario", said: "InsFile", unit: str | None) -> "Array
 
     from isogal.fields.measured import measured_field
     from isogal.inertial.rotations import matrix
-    from isogal.maps.quantities import unit_factor
+    from isogal.maps.quantities import check_plausible, unit_factor, value_range
     from isogal.sensors.reduction import State
 
     if said.value is None:
@@ -100,6 +100,7 @@ def _readings(scenario: "Scenario", said: "InsFile", unit: str | None) -> "Array
             raise InputError(
                 f"{where}: '{unit}' does not fit {field.name}, which is in {field.unit}"
             )
+    check_plausible(value_range(said.value[None]), field.quantity, factor, "value")
     sigma = np.zeros(len(said.time)) if said.sigma is None else np.nan_to_num(said.sigma) * factor
     latitude, longitude, height, v_north, v_east = said.solution[:, :5].T
     at = State(latitude, longitude, height, v_north, v_east, matrix(said.solution[:, 6:]))

@@ -31,7 +31,8 @@ class Asked:
     ]
     goal: Annotated[str, text("'LAT,LON'", "Goal, deg.", "--to")]
     detour: Annotated[
-        float, number("How much longer than the straight way, at most.", "SHARE", positive)
+        float,
+        number("How much longer than the straight way, at most.", "SHARE", positive, most=1.0),
     ] = 0.15
     ceiling: Annotated[
         float | None,

@@ -27,7 +27,7 @@ def view(
         ),
     ],
     topics: TopicChoice,
-    out: Annotated[Path, written_file("FILE.html", "The page.")] = Path("out/view.html"),
+    out: Annotated[Path, written_file("FILE.html", "The page.", ".html")] = Path("out/view.html"),
     run: Annotated[int, number("Which run of a study.", "N", least=0)] = 0,
     scenario: Annotated[
         Path | None,

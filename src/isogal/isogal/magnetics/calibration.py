@@ -102,6 +102,8 @@ def calibrate(
     """
     settings = settings or Settings()
     settings.band.check(readings.interval, readings.where)
+    if np.ptp(readings.total[readings.usable]) == 0.0:
+        raise InputError(f"{readings.where}: the scalar magnetometer has one reading only; stuck?")
     level = readings.total - (0.0 if known is None else known)
     names = tuple(readings.currents)
     lag = _lag(readings, level, settings) if settings.lag is None else settings.lag

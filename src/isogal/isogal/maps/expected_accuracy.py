@@ -41,11 +41,12 @@ class Errors:
 
     def covariance(self, field_map: ScalarMap, latitude: Array, longitude: Array) -> Array:
         """Return R (K, K) of readings at some places (rad)."""
-        map_sigma = (
-            np.maximum(field_map.sigma_at(latitude, longitude), self.least_map_sigma)
-            if self.map_sigma is None
-            else np.full(latitude.size, self.map_sigma)
-        )
+        if self.map_sigma is None:
+            said = field_map.sigma_at(latitude, longitude)
+            said = np.nan_to_num(said, nan=float(np.nanmedian(field_map.sigma)))
+            map_sigma = np.maximum(said, self.least_map_sigma)
+        else:
+            map_sigma = np.full(latitude.size, self.map_sigma)
         white = self.sensor_sigma**2 + field_map.quantisation**2 / 12.0
         of_map = covariance(latitude, longitude, map_sigma, self.correlation_length)
         return white * np.eye(latitude.size) + self.bias_sigma**2 + of_map

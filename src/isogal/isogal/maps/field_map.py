@@ -143,6 +143,8 @@ class FieldMap:
         if np.ndim(sigma):
             if np.less(sigma, 0.0).any():
                 raise InputError(f"{where}: sigma must be >= 0")
+            if not np.isfinite(sigma).any():  # said of no node
+                object.__setattr__(self, "sigma", 0.0)
         else:
             object.__setattr__(self, "sigma", float(sigma))
         if ellipses is not None and impossible(ellipses).any():

@@ -26,8 +26,10 @@ POINTS = 9
 SAMPLES = 100
 """Places that the normalisation looks back over: about 1000 s of scans every 10 s, the stretch of
 a few batches."""
-_TOGETHER = 20_000
-"""Places that are computed at once."""
+MOST_POINTS = 1001
+"""Along each side of a template: a million values of the map for each place."""
+_TOGETHER = 1_600_000
+"""Values of the map that are looked up at once."""
 
 
 @lru_cache(maxsize=4)
@@ -39,15 +41,17 @@ def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, A
     half_width : float
         m.
     points : int
-        Along each side, odd and at least 3.
+        Along each side, odd, 3 to `MOST_POINTS`.
 
     Returns
     -------
     north, east : (n,) m
         n = points² - 1. Not to be written to.
     """
-    if points < 3 or points % 2 == 0:
-        raise InputError(f"variability points (--points) must be odd and at least 3, is {points}")
+    if not 3 <= points <= MOST_POINTS or points % 2 == 0:
+        raise InputError(
+            f"variability points (--points) must be odd, 3 to {MOST_POINTS}, is {points}"
+        )
     if not (half_width > 0.0 and math.isfinite(half_width)):
         raise InputError(f"variability window must be > 0 m, is {half_width}")
     side = np.linspace(-half_width, half_width, points)
@@ -82,15 +86,16 @@ def feature_variability(
     north, east = (np.append(0.0, side) for side in template(half_width, points))
     flat_lat, flat_lon, shape = flat_points(latitude, longitude)
     out = np.full(flat_lat.size, np.nan)
-    for first in range(0, out.size, _TOGETHER):
-        lat, lon = (one[first : first + _TOGETHER, None] for one in (flat_lat, flat_lon))
+    together = max(1, _TOGETHER // north.size)
+    for first in range(0, out.size, together):
+        lat, lon = (one[first : first + together, None] for one in (flat_lat, flat_lon))
         metres_north, metres_east = metres_per_radian(lat)
         value = field_map.value(lat + north / metres_north, lon + east / metres_east)
         square = (value[:, 1:] - value[:, :1]) ** 2
         known = np.isfinite(square)
         count = known.sum(axis=1)
         mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(count, 1)
-        out[first : first + _TOGETHER] = np.where(2 * count >= square.shape[1], mean, np.nan)
+        out[first : first + together] = np.where(2 * count >= square.shape[1], mean, np.nan)
     return out.reshape(shape)
 
 

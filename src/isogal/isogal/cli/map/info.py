@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from isogal.cli.checks import not_negative, positive
+from isogal.cli.checks import positive
 from isogal.cli.map.part import PartChoice, Route, RouteChoice
 from isogal.cli.map.results import (
     Described,
@@ -20,7 +20,7 @@ from isogal.cli.map.results import (
 )
 from isogal.cli.map_choice import MapChoice
 from isogal.cli.option_groups import with_groups
-from isogal.cli.options import Json, number
+from isogal.cli.options import Json, number, text
 from isogal.cli.tables import print_json, print_table
 from isogal.errors import InputError
 
@@ -42,14 +42,14 @@ class Assumptions:
 
     stretch: Annotated[float, number("Track that a fix is made from.", "KM", least=0.1)] = 5.0
     sensor_sigma: Annotated[
-        float | None,
-        number("1-sigma of a reading, map's unit; default: gravimeter.sigma.", check=positive),
+        str | None,
+        text("SIGMA", "1-sigma of a reading, SI (nT) or as 0.5mGal; default: gravimeter.sigma."),
     ] = None
     map_sigma: Annotated[
-        float | None,
-        number(
-            "1-sigma of the map, its unit; default: as the map says, map_error.sigma at least.",
-            check=not_negative,
+        str | None,
+        text(
+            "SIGMA",
+            "1-sigma of the map, likewise; default: as the map says, map_error.sigma at least.",
         ),
     ] = None
     map_correlation_length: Annotated[
@@ -57,8 +57,8 @@ class Assumptions:
         number("Of the map's error; default: as the map says, else map_error's.", "M", positive),
     ] = None
     bias_sigma: Annotated[
-        float, number("1-sigma of an unknown offset, map's unit.", least=0.0)
-    ] = 0.0
+        str, text("SIGMA", "1-sigma of an unknown offset of the readings, likewise.")
+    ] = "0"
 
     def stretches(
         self, field_map: "ScalarMap", route: Route, track: "tuple[Array, Array]"
@@ -67,6 +67,7 @@ class Assumptions:
         raises InputError."""
         import numpy as np
 
+        from isogal.cli.sigmas import parse_sigma
         from isogal.fields.measured import measured_field, reading_sigma
         from isogal.maps.expected_accuracy import Errors, position_information
 
@@ -79,11 +80,12 @@ class Assumptions:
         true, said = settings.true, field_map.correlation_length
         if np.nanmedian(field_map.sigma) < true.map_error.sigma:
             said = None
+        sensor = parse_sigma(self.sensor_sigma, "--sensor-sigma", field_map, 1.0, zero=False)
         errors = Errors(
-            reading_sigma(true) if self.sensor_sigma is None else self.sensor_sigma,
-            self.map_sigma,
+            reading_sigma(true) if sensor is None else sensor,
+            parse_sigma(self.map_sigma, "--map-sigma", field_map, 1.0),
             self.map_correlation_length or said or true.map_error.correlation_length,
-            self.bias_sigma,
+            parse_sigma(self.bias_sigma, "--bias-sigma", field_map, 1.0) or 0.0,
             true.map_error.sigma,
         )
         return position_information(field_map, *track, errors, 1e3 * self.stretch)

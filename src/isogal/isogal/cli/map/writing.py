@@ -46,14 +46,22 @@ class StatedError:
     PANEL: ClassVar[str] = RESULTS
 
     sigma: Annotated[
-        float | None, number("1-sigma of the map's error to write into it, SI (nT).", least=0.0)
+        str | None,
+        text("SIGMA", "1-sigma of the map's error to write into it, SI (nT) or as 2mGal."),
     ] = None
     correlation_length: Annotated[float | None, number("Of that error.", "M", positive)] = None
 
     def of(self, field_map: "FieldMap") -> "FieldMap":
-        """Return a map that says it."""
-        said = {name: value for name, value in vars(self).items() if value is not None}
-        return replace(field_map, **said)
+        """Return a map that says it; raises InputError."""
+        from isogal.cli.sigmas import parse_sigma
+
+        sigma = parse_sigma(self.sigma, "--sigma", field_map, 1.0, possible=True)
+        return replace(
+            field_map,
+            sigma=field_map.sigma if sigma is None else sigma,
+            error_stated=field_map.error_stated if sigma is None else None,
+            correlation_length=self.correlation_length or field_map.correlation_length,
+        )
 
 
 @with_groups

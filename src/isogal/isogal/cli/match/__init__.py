@@ -3,5 +3,4 @@
 - `command`: the command, from the options to the results.
 - `options`: what can be said about track, matcher, errors and results?
 - `inputs`: the fields, of each the track and the map, in one unit.
-- `sigmas`: sigmas with units, and those that cannot be meant.
 """

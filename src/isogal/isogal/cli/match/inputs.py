@@ -282,7 +282,7 @@ def _unit_of(
 ) -> tuple[str, float]:
     """Return the unit of a track's values, and the number of units inside in one of it: as the
     option says, else the track's file, else the map's."""
-    from isogal.cli.match.sigmas import factor_of
+    from isogal.cli.sigmas import factor_of
 
     if track_unit is None and track is not None and track.unit is not None:
         return track.unit, factor_of(track.unit, f"{track.where}: value", field_map)

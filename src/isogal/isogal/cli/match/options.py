@@ -267,7 +267,7 @@ class Assumptions:
         InputError
             A sigma is neither a number (with the right unit) nor, of the map, ``auto``.
         """
-        from isogal.cli.match.sigmas import parse_sigma
+        from isogal.cli.sigmas import parse_sigma
 
         sigma: str | float | None = self.map_sigma
         if sigma != "auto":
@@ -281,7 +281,7 @@ class Assumptions:
 
     def reading_sigma(self, field_map: "ScalarMap", factor: float) -> float | None:
         """Return ``--sensor-sigma`` in the unit inside; raises InputError."""
-        from isogal.cli.match.sigmas import parse_sigma
+        from isogal.cli.sigmas import parse_sigma
 
         return parse_sigma(self.sensor_sigma, "--sensor-sigma", field_map, factor, zero=False)
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.errors import InputError
 from isogal.groups import Groups
-from isogal.maps.gridding.survey import Survey, blocks_of
+from isogal.maps.gridding.survey import FEWEST, Survey, blocks_of
 
 _FAR, _ROUNDS = 3.0, 20
 """1-sigmas off which a reading counts less for the trend, and rounds of reweighting."""
@@ -71,6 +72,11 @@ def block_reduced(survey: Survey, side: float) -> Survey:
         return survey
     line = np.zeros(len(survey)) if survey.line is None else survey.line
     groups = Groups.by(line, blocks_of(survey.places, side))
+    if groups.count.size < FEWEST:
+        raise InputError(
+            f"{survey.where}: blocks of {side:g} m (--block, or half of --spacing) leave"
+            f" {groups.count.size} readings; at least {FEWEST} are needed"
+        )
     mean, sigma = groups.mean, survey.sigma
     return replace(
         survey,

@@ -1,4 +1,5 @@
-"""Sigmas on the command line: numbers in the track's unit, or with a unit of their own."""
+"""Sigmas on the command line: numbers in the unit of the track, or of a map inside (SI, nT), or
+with a unit of their own."""
 
 import math
 import re
@@ -30,32 +31,41 @@ def factor_of(unit: str, option: str, field_map: "ScalarMap") -> float:
 
 
 def parse_sigma(
-    text: str | None, option: str, field_map: "ScalarMap", factor: float, *, zero: bool = True
+    text: str | None,
+    option: str,
+    field_map: "ScalarMap",
+    factor: float,
+    *,
+    zero: bool = True,
+    possible: bool = False,
 ) -> float | None:
     """Return a sigma in the unit inside; None where none is given.
 
     Parameters
     ----------
     text : str, optional
-        Such as ``0.5``, in the track's unit, or ``0.5mGal``.
+        Such as ``0.5``, or ``0.5mGal``.
     option : str
         For messages.
     field_map : ScalarMap
         Whose unit and range it must fit.
     factor : float
-        Units inside in one unit of the track.
+        Units inside in one unit of a number that has none.
     zero : bool
         Whether 0 is allowed.
+    possible : bool
+        Compare with what a map of this quantity can vary by, instead of this map, which may be a
+        small part.
 
     Raises
     ------
     InputError
-        It is no number, its unit is not the map's, it is negative, or larger than the map's range:
+        It is no number, its unit is not the map's, it is negative, or larger than that range:
         then the message says in which unit it would make sense.
     """
     import numpy as np
 
-    from isogal.maps.quantities import fitting_unit
+    from isogal.maps.quantities import QUANTITIES, fitting_unit
 
     if text is None:
         return None
@@ -66,8 +76,12 @@ def parse_sigma(
     value = number * (factor_of(found[2], option, field_map) if found[2] else factor)
     if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
         raise InputError(f"{option}: must be {'>=' if zero else '>'} 0, is {number:g}")
-    values = np.concatenate([np.ravel(part.values) for part in field_map.parts()])
-    extent = float(np.nanmax(values) - np.nanmin(values))
+    if possible:
+        extent = QUANTITIES[field_map.quantity].highest - QUANTITIES[field_map.quantity].lowest
+    else:
+        known = (part.values[np.isfinite(part.values)] for part in field_map.parts())
+        ends = [(float(part.min()), float(part.max())) for part in known if part.size]
+        extent = max(high for _, high in ends) - min(low for low, _ in ends)
     if value <= extent or extent == 0.0:
         return value
     least, most = (share * extent for share in _PLAUSIBLE)
@@ -75,6 +89,7 @@ def parse_sigma(
     hint = f"; did you mean {number:g}{unit}?" if unit else ""
     own = field_map.file_factor
     raise InputError(
-        f"{option}: {value / own:g} {field_map.file_unit} is more than the whole map varies"
+        f"{option}: {value / own:g} {field_map.file_unit} is more than"
+        f" {f'any {field_map.quantity} map' if possible else 'the whole map'} varies"
         f" ({extent / own:.3g} {field_map.file_unit}){hint}"
     )
