@@ -323,6 +323,15 @@ def test_a_covariance_that_is_not_positive_definite_is_reported(filter_):
         propagate(flight.start, flight.model, *flight.samples(0, 5))
 
 
+def test_sensors_without_a_bias_have_a_covariance_that_is_positive_definite():
+    """`imu.gyroscope.bias=0` and the like."""
+    none = {"bias": 0.0, "bias_instability": 0.0, "scale_factor": 0.0, "misalignment": 0.0}
+    for imu in ({"gyroscope": none}, {"accelerometer": none, "gyroscope": none}):
+        flight = fly(imu=Imu.model_validate(imu))
+        propagate(flight.start, flight.model, *flight.samples(0, 5))
+        np.linalg.cholesky(flight.start.covariance)
+
+
 BAROMETER = Height(source="barometer", bias=6.0, scale=0.02, weather_sigma=4.0)
 LOG = Velocity(kind="dvl", current_sigma=0.3)
 

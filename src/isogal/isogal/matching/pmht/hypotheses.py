@@ -35,7 +35,7 @@ variance of 1; theirs loses 4.5 % of it at each split."""
 MOST, USUAL_STATES = 3500, BATCH_STATES + 2 + len(UNKNOWN)
 """Hypotheses at most, of so many states, and fewer of more: bounds the time of a fix."""
 NEGLIGIBLE = 10.0
-"""Log of how much less probable than the best of its neighbours a model is where it is left out."""
+"""Log of how much less probable a model is than the best of its neighbours to be left out."""
 LIGHT = NEGLIGIBLE / 2.0
 """The same where all neighbours are less probable than the best model by this log."""
 UNEXPLAINED_SHARE = 0.5
