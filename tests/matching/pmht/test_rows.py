@@ -97,7 +97,7 @@ def test_the_velocity_of_each_scan_counts_in_the_reduction():
     backward[:, 2, 5] = 9.8 * age
     error = np.array([0.0, 0.0, 30.0, -20.0, 0.0, 5e-3, 0.0])
     made = rows(replace(batch, backward=backward), field_map)[0]
-    squares = np.square(made.squared @ error).sum(axis=1)
+    squares = np.square(made.swift @ error).sum(axis=1)
     expected = ((30.0 + 0.049 * age) ** 2 + 20.0**2) / 6.37e6
     np.testing.assert_allclose(squares, expected, rtol=0.01)
 

@@ -218,10 +218,10 @@ class Hypotheses:
         information: Information,
         prior: Array,
         states: Integers | None = None,
-        less: Array | None = None,
+        faster: Array | None = None,
     ) -> "Hypotheses":
         """Return them after what others' readings say of the navigator's error, or of some
-        `states` (n,); to each `less` (K,) times less.
+        `states` (n,); to each divided by `faster` (K,).
 
         Where that is negative they become wider: what others have withdrawn would else be told
         again, as new, by those who still hold it. Of what a Gaussian cannot say of places as far
@@ -238,13 +238,13 @@ class Hypotheses:
         # the mean of -x' M x
         withdrawn = -np.einsum("ij,kij->k", M, P) - ((mean @ M) * mean).sum(axis=1)
         share = 1.0 / np.maximum(withdrawn / (1.0 - 1.0 / LARGEST_RATIO), 1.0)
-        believed = np.ones(len(self)) if less is None else 1.0 / less
+        believed = np.ones(len(self)) if faster is None else 1.0 / faster
         M = believed[:, None, None] * (positive.matrix + share[:, None, None] * M)
         vector = believed[:, None] * (positive.vector + share[:, None] * vector)
         left = vector - np.einsum("kij,kj->ki", M, mean)
         inner = np.eye(n) + M @ P
         solved = np.linalg.solve(inner, np.concatenate([M, left[..., None]], axis=2))
-        less, right = solved[..., :n], solved[..., n]
+        gain, right = solved[..., :n], solved[..., n]
         shift = np.einsum("kij,kj->ki", across, right)
         evidence = 0.5 * np.einsum("ki,ki->k", mean, vector + left)
         evidence += 0.5 * np.einsum("ki,ki->k", left, shift[:, which])
@@ -252,7 +252,7 @@ class Hypotheses:
         return self.changed(
             log_weight=self.log_weight + evidence,
             mean=self.mean + shift,
-            covariance=self.covariance - across @ less @ across.swapaxes(1, 2),
+            covariance=self.covariance - across @ gain @ across.swapaxes(1, 2),
         )
 
     def aided(self, passage: Passage, prior: Array) -> "Hypotheses":

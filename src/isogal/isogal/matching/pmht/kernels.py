@@ -132,10 +132,10 @@ def departures(
                 other = value_and_gradient(grid, lat - a, lon - b, channel)[0]
                 less = middle
                 for of_velocity in range(2):
-                    swift = 0.0
+                    root = 0.0
                     for i in range(BATCH_STATES):
-                        swift += rows.squared[t, of_velocity, i] * across[axis, i]
-                    less += (reach * swift) ** 2
+                        root += rows.swift[t, of_velocity, i] * across[axis, i]
+                    less += (reach * root) ** 2
                 bend[axis] += (0.5 * (one + other) - less) ** 2 / R
                 change[axis] += (0.5 * (one - other)) ** 2 / R
         departure = np.sqrt(bend) / np.maximum(np.sqrt(change), 1.0)
@@ -471,7 +471,7 @@ def _iterated(
     `at` on, with map errors of 1-sigmas `errors` (n, U); return their log evidence, -inf off the
     map."""
     latitude, longitude, channel = rows.latitude, rows.longitude, rows.channel
-    squared, curved = rows.squared, rows.squared.any()
+    swift, curved = rows.swift, rows.swift.any()
     place, reading, level, noise, keep, fresh, past, elapsed = own
     x, P, before, prior, at, z, H, g, G, by_age, PH = update
     evidence, first = -math.inf, BATCH_STATES
@@ -497,12 +497,12 @@ def _iterated(
             for i in range(first, min(c, first + errors.shape[1])):
                 H[t, i] += errors[t, i - first]
             for axis in range(2 if curved else 0):
-                swift = 0.0
+                root = 0.0
                 for i in range(first):
-                    swift += squared[t, axis, i] * at[i]
+                    root += swift[t, axis, i] * at[i]
                 for i in range(first):
-                    H[t, i] -= 2.0 * swift * squared[t, axis, i]
-                value += swift * swift
+                    H[t, i] -= 2.0 * root * swift[t, axis, i]
+                value += root * root
             if late.delay >= 0:
                 H[t, late.delay] = by_age[t]
                 value -= by_age[t] * at[late.delay]

@@ -90,7 +90,7 @@ class Rows(NamedTuple):
     """(n,) s since the reading before."""
     channel: Integers
     """(n,)."""
-    squared: Array
+    swift: Array
     """(n, 2, 7) root of the map's unit per unit of the navigator's error: readings become less by
     the sum of the squares of both."""
 
@@ -188,7 +188,7 @@ def rows_of(
         _past(batch, which, states),
         elapsed,
         channel.astype(np.int64),
-        _by_squared_velocity(batch, which, field_map),
+        _swift(batch, which, field_map),
     )
     return rows, Epoch(first.start, float(time[-1]), velocity[-1], steps)
 
@@ -241,8 +241,8 @@ def _changes(states: States, elapsed: Array) -> tuple[Array, Array]:
     )
 
 
-def _by_squared_velocity(batch: Batch, which: Integers, field_map: AnyMap) -> Array:
-    """Return `Rows.squared` of rows `which` (n,): the Eötvös acceleration, which a reduction adds,
+def _swift(batch: Batch, which: Integers, field_map: AnyMap) -> Array:
+    """Return `Rows.swift` of rows `which` (n,): the Eötvös acceleration, which a reduction adds,
     contains v_n² / (M + h) and v_e² / (N + h) (`earth.gravity.eotvos`)."""
     reduced = batch.by_error[which, 2, 2:4].any(axis=1) & (field_map.quantity in GRAVITY)
     root = np.sqrt(reduced / np.stack(radii(batch.latitude[which])))
