@@ -63,9 +63,7 @@ def parse_sigma(
         It is no number, its unit is not the map's, it is negative, or larger than that range:
         then the message says in which unit it would make sense.
     """
-    import numpy as np
-
-    from isogal.maps.quantities import QUANTITIES, fitting_unit
+    from isogal.maps.quantities import fitting_unit
 
     if text is None:
         return None
@@ -76,12 +74,7 @@ def parse_sigma(
     value = number * (factor_of(found[2], option, field_map) if found[2] else factor)
     if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
         raise InputError(f"{option}: must be {'>=' if zero else '>'} 0, is {number:g}")
-    if possible:
-        extent = QUANTITIES[field_map.quantity].highest - QUANTITIES[field_map.quantity].lowest
-    else:
-        known = (part.values[np.isfinite(part.values)] for part in field_map.parts())
-        ends = [(float(part.min()), float(part.max())) for part in known if part.size]
-        extent = max(high for _, high in ends) - min(low for low, _ in ends)
+    extent = _extent(field_map, possible)
     if value <= extent or extent == 0.0:
         return value
     least, most = (share * extent for share in _PLAUSIBLE)
@@ -93,3 +86,16 @@ def parse_sigma(
         f" {f'any {field_map.quantity} map' if possible else 'the whole map'} varies"
         f" ({extent / own:.3g} {field_map.file_unit}){hint}"
     )
+
+
+def _extent(field_map: "ScalarMap", possible: bool) -> float:
+    """Return by how much a map varies, or any map of its quantity can."""
+    import numpy as np
+
+    from isogal.maps.quantities import QUANTITIES
+
+    if possible:
+        return QUANTITIES[field_map.quantity].highest - QUANTITIES[field_map.quantity].lowest
+    known = (part.values[np.isfinite(part.values)] for part in field_map.parts())
+    ends = [(float(part.min()), float(part.max())) for part in known if part.size]
+    return max(high for _, high in ends) - min(low for low, _ in ends)
