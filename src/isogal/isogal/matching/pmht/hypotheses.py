@@ -41,9 +41,9 @@ LIGHT = NEGLIGIBLE / 2.0
 UNEXPLAINED_SHARE = 0.5
 """Of the largest sigma of the map's error, from which on the map is said to explain nothing."""
 FLOOR = NEGLIGIBLE + LIGHT
-"""Log of how much less probable than all together a place is where it is not split, and is dropped
-unless it is the best of its model; and of how much less than the best the best model of no group
-(`Models.group`) becomes: what was wrong for hours may become right."""
+"""A place that is less probable than all together by this log is not split, and is dropped unless
+it is the best of its model. The best model of a group (`Models.group`) falls no further below the
+best of all: what was wrong for hours may become right."""
 CREDIBLE = 2.0
 """A fault is published where readings have made it so many times as probable as it was: a wide
 model of a few percent would widen what is published for ever."""
