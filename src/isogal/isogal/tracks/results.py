@@ -176,8 +176,6 @@ def as_geojson(objects: Sequence[Entry]) -> str:
     for entry in objects:
         properties = dict(entry)
         place = [properties.pop(name) for name in ("longitude", "latitude")]
-        if place[0] > 180.0:
-            place[0] = round(place[0] - 360.0, 9)
         point = {"type": "Point", "coordinates": place} if entry["status"] == FIX else None
         features.append({"type": "Feature", "geometry": point, "properties": properties})
     collection = {"type": "FeatureCollection", "features": features}
