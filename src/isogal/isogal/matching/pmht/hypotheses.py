@@ -5,8 +5,8 @@ Magill (1965, IEEE TAC 10:434) and Maybeck & Hanlon (1995, IEEE TAES 31:1216) fo
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -96,21 +96,6 @@ class Hypotheses:
     def __len__(self) -> int:
         return len(self.which)
 
-    def changed(
-        self,
-        log_weight: Array | None = None,
-        mean: Array | None = None,
-        covariance: Array | None = None,
-    ) -> "Hypotheses":
-        """Return them with other weights, means or covariances."""
-        return Hypotheses(
-            self.models,
-            self.which,
-            self.log_weight if log_weight is None else log_weight,
-            self.mean if mean is None else mean,
-            self.covariance if covariance is None else covariance,
-        )
-
     def part(self, which: Integers | Booleans) -> "Hypotheses":
         """Return some of them, by indices or a mask."""
         return Hypotheses(self.models, *(getattr(self, name)[which] for name in COLUMNS))
@@ -120,7 +105,7 @@ class Hypotheses:
         any reading has said anything."""
         every = self.covariance.copy()
         every[:, moving[:, None], moving] = self.models.start[self.which, None, None] * covariance
-        return self.changed(covariance=every)
+        return replace(self, covariance=every)
 
     def passed(self, passage: Passage, moving: Integers) -> "Hypotheses":
         """Return them at the end of a passage, of the states `moving` (n,). Of a navigator that
@@ -132,23 +117,17 @@ class Hypotheses:
         mean[:, moving] -= passage.mean
         faster = them.models.growth[them.which]
         kernels.passed(mean, covariance, moving, forward, growth, faster, passage.velocity)
-        return them.changed(mean=mean, covariance=covariance).normalised()
+        return replace(them, mean=mean, covariance=covariance).normalised()
 
     def headed(self) -> "Hypotheses":
         """Split those whose heading is not known to where sines are linear in it."""
-        whole, done = self, list[Hypotheses]()
-        while True:
-            sigma = np.sqrt(whole.covariance[:, HEADING, HEADING])
-            cut = sigma > UNSURE
-            if cut.any():
-                cut &= whole.log_weight > self.log_evidence - FLOOR
-            room = (self.most - sum(len(one) for one in done) - len(whole)) // 2
-            if not cut.any() or cut.sum() > room:
-                break
-            done.append(whole.part(~cut))
-            along = whole.covariance[cut, :, HEADING] / sigma[cut, None]
-            whole = whole.part(cut)._thirds(along)
-        return joined([*done, whole]) if done else whole
+
+        def unsure(them: Hypotheses, asked: Booleans) -> tuple[Booleans, Array]:
+            sigma = np.sqrt(them.covariance[:, HEADING, HEADING])
+            along = them.covariance[:, :, HEADING] / np.maximum(sigma, UNSURE)[:, None]
+            return asked & (sigma > UNSURE), along
+
+        return self._divided(unsure, self.most)
 
     def carried(self, forward: Array, growth: Array) -> "Hypotheses":
         """Return them about an error that is `forward` (7, 7) times theirs, and to whose
@@ -156,20 +135,38 @@ class Hypotheses:
         mean, covariance = self.mean.copy(), self.covariance.copy()
         them, faster = np.arange(BATCH_STATES), self.models.growth[self.which]
         kernels.passed(mean, covariance, them, forward, growth, faster, np.zeros(2))
-        return self.changed(mean=mean, covariance=covariance)
+        return replace(self, mean=mean, covariance=covariance)
 
     def split(
         self, field_map: AnyMap, rows: Rows, most: int | None = None, curved: float = CURVED
     ) -> "Hypotheses":
         """Split those over which the map is not nearly linear (`CURVED`), along the worst axis,
         into at most so many."""
-        whole, done, most = self, list[Hypotheses](), most or self.most
-        where, least = (field_map.grid, field_map.sigma_grid, rows), self.log_evidence - FLOOR
-        while True:  # `most` ends it on a map as rough as that
-            asked, along = whole.log_weight > least, np.zeros_like(whole.mean)
-            them = whole.models, whole.which, whole.mean, whole.covariance
-            departure = kernels.departures(*where, *them, asked, REACH, along)
-            cut = departure > curved
+        where = field_map.grid, field_map.sigma_grid, rows
+
+        def curved_over(them: Hypotheses, asked: Booleans) -> tuple[Booleans, Array]:
+            along = np.zeros_like(them.mean)
+            each = them.models, them.which, them.mean, them.covariance
+            return kernels.departures(*where, *each, asked, REACH, along) > curved, along
+
+        return self._divided(curved_over, most or self.most)
+
+    def _divided(
+        self, too_wide: Callable[["Hypotheses", Booleans], tuple[Booleans, Array]], most: int
+    ) -> "Hypotheses":
+        """Return them with those in thirds, and thirds of thirds, that are too wide; the
+        likeliest, where there would be more than so many.
+
+        Parameters
+        ----------
+        too_wide : function
+            Of K hypotheses, and a mask (K,) which of them it is asked of: returns another one, and
+            1-sigma vectors (K, N) along which to divide them.
+        most : int
+        """
+        whole, done, least = self, list[Hypotheses](), self.log_evidence - FLOOR
+        while True:  # `most` ends it on a map that is rough everywhere
+            cut, along = too_wide(whole, whole.log_weight > least)
             room = (most - sum(len(one) for one in done) - len(whole)) // 2
             if cut.sum() > room:
                 order = np.argsort(-np.where(cut, whole.log_weight, -np.inf))[: max(room, 0)]
@@ -188,7 +185,8 @@ class Hypotheses:
         less = self.covariance - (1.0 - sigma**2) * u[:, :, None] * u[:, None, :]
         return joined(
             [
-                self.changed(
+                replace(
+                    self,
                     log_weight=self.log_weight + math.log(w),
                     mean=self.mean + c * u,
                     covariance=less,
@@ -202,8 +200,8 @@ class Hypotheses:
         mean, covariance, evidence = self.mean.copy(), self.covariance.copy(), np.empty(len(self))
         where = field_map.grid, field_map.sigma_grid, rows
         kernels.observed(*where, self.models, self.which, mean, covariance, evidence)
-        result = self.changed(
-            log_weight=self.log_weight + evidence, mean=mean, covariance=covariance
+        result = replace(
+            self, log_weight=self.log_weight + evidence, mean=mean, covariance=covariance
         )
         kept = np.isfinite(result.log_weight) & np.isfinite(mean).all(axis=1)
         return result if kept.all() else result.part(kept)
@@ -249,7 +247,8 @@ class Hypotheses:
         evidence = 0.5 * np.einsum("ki,ki->k", mean, vector + left)
         evidence += 0.5 * np.einsum("ki,ki->k", left, shift[:, which])
         evidence -= 0.5 * np.linalg.slogdet(inner)[1]
-        return self.changed(
+        return replace(
+            self,
             log_weight=self.log_weight + evidence,
             mean=self.mean + shift,
             covariance=self.covariance - across @ gain @ across.swapaxes(1, 2),
@@ -272,8 +271,8 @@ class Hypotheses:
         told = before.informed(passage.aided(prior), prior)
         odds = (self.models.odds(log) for log in (self.models.log_prior, before.of_models))
         beyond = self.models.odds(told.of_models)[told.which] - np.maximum(*odds)[told.which]
-        told = told.changed(log_weight=told.log_weight - np.maximum(beyond, 0.0))
-        told = told.changed(log_weight=told.log_weight - told.log_evidence + before.log_evidence)
+        told = replace(told, log_weight=told.log_weight - np.maximum(beyond, 0.0))
+        told = replace(told, log_weight=told.log_weight - told.log_evidence + before.log_evidence)
         return joined([told, rest]).normalised()
 
     @property
@@ -293,7 +292,7 @@ class Hypotheses:
         them = them.merged(order[kept], of_place)
         best = largest(them.of_models, self.models.group)
         lift = np.maximum(best.max() - FLOOR - best, 0.0)
-        return them.changed(log_weight=them.log_weight + lift[them.which]).normalised()
+        return replace(them, log_weight=them.log_weight + lift[them.which]).normalised()
 
     def merged(self, which: Integers, of_place: Array) -> "Hypotheses":
         """Return some of them, by indices, with places of one model merged that are within one
@@ -317,11 +316,11 @@ class Hypotheses:
         """Return them relative to a navigator that has taken an error (7,) off its estimate."""
         mean = self.mean.copy()
         mean[:, :BATCH_STATES] -= by
-        return self.changed(mean=mean)
+        return replace(self, mean=mean)
 
     def normalised(self) -> "Hypotheses":
         """Return them with weights whose sum is 1."""
-        return self.changed(log_weight=self.log_weight - np.logaddexp.reduce(self.log_weight))
+        return replace(self, log_weight=self.log_weight - np.logaddexp.reduce(self.log_weight))
 
     def credible(self) -> "Hypotheses":
         """Return them without faults that are not likely."""

@@ -3,6 +3,7 @@ what is known where it has been found elsewhere (docs/mathematics.md, sections 6
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -139,7 +140,7 @@ def _passed(
             mean[:, velocity] += by * mean[:, HEADING]
             covariance[:, velocity] += by * covariance[:, HEADING]
             covariance[:, :, velocity] += by * covariance[:, :, HEADING]
-    bank = bank.changed(mean=mean, covariance=covariance)
+    bank = replace(bank, mean=mean, covariance=covariance)
     return bank.passed(passage.part(states), moving)
 
 
