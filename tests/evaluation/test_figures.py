@@ -11,10 +11,13 @@ from PIL import Image
 from helpers.route_maps import made_up as field
 from helpers.studies import outcomes
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.ensemble import ensemble_figure
-from isogal.evaluation.figures.errors import error_figure, nees_figure
+from isogal.evaluation.figures.errors import (
+    ensemble_figure,
+    error_figure,
+    nees_figure,
+    stanford_figure,
+)
 from isogal.evaluation.figures.signal import signal_figure
-from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.scenario import Integrity
 
@@ -88,7 +91,7 @@ def test_errors_and_band_are_those_of_the_record(make_runs):
 def test_scales_of_fields():
     gravity = style.field_scale(field())
     np.testing.assert_allclose(gravity([9.8, 9.8 + 2e-5]), [0.0, 2.0], atol=1e-6)
-    assert "9.80 m/s²" in gravity.label
+    assert "9.80 m/s²" in gravity.name
     assert style.field_scale(field(quantity="disturbance", level=0.0))([3e-5]) == pytest.approx(
         3.0
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from isogal.errors import InputError
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.ensemble import Curve, rms_figure
+from isogal.evaluation.figures.errors import Curve, rms_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.evaluation.results import read_object
 from isogal.files import Json

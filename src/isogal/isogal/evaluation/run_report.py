@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING
 import yaml
 
 from isogal.evaluation.bound import BoundResult
-from isogal.evaluation.figures.ensemble import ensemble_figure
-from isogal.evaluation.figures.errors import error_figure, nees_figure
+from isogal.evaluation.figures.errors import (
+    ensemble_figure,
+    error_figure,
+    nees_figure,
+    stanford_figure,
+)
 from isogal.evaluation.figures.signal import signal_figure
-from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.evaluation.judgement import KINDS
