@@ -18,7 +18,6 @@ import hashlib
 import inspect
 import os
 import sys
-import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -36,8 +35,6 @@ _digests: dict[Any, str] = {}
 """Digest of each kernel's Python function."""
 _modules: set[str] = set()
 """Names of the modules that hold kernels."""
-_PATIENCE = 60.0
-"""s, the longest wait for another process that compiles the same kernel."""
 _CONSTANTS = (bool, int, float, complex, str, np.generic, tuple)
 
 
@@ -102,9 +99,8 @@ def _digest(function: Callable[..., Any], options: dict[str, Any]) -> str:
                 f"{name}.{below} {_digests[inner]}" for below, inner in _kernels(vars(value))
             ]
         elif isinstance(value, np.ndarray):
-            parts.append(
-                f"{name} {value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
-            )
+            content = hashlib.sha256(value.tobytes()).hexdigest()
+            parts.append(f"{name} {value.dtype} {value.shape} {content}")
         elif not name.startswith("__") and _is_constant(value):
             parts.append(f"{name} {value!r}")
     # those of the file itself are in its text
@@ -169,18 +165,13 @@ class _KernelCache(FunctionCache):
         return found
 
     def _take_turn(self) -> None:
-        """Wait until no other process compiles the kernel; without a lock after `_PATIENCE`, and
-        where no file can be locked."""
+        """Wait until no other process compiles the kernel, which ends with that process at the
+        latest; without a lock where no file can be locked."""
         with contextlib.suppress(OSError):
             self._impl.locator.ensure_cache_path()
             lock = os.open(self._lock_file, os.O_RDWR | os.O_CREAT, 0o666)
-            for _ in range(int(_PATIENCE / 0.05)):
-                with contextlib.suppress(BlockingIOError):
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    self.turn = lock
-                    return
-                time.sleep(0.05)
-            os.close(lock)
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            self.turn = lock
 
     def _end_turn(self) -> None:
         if self.turn is not None:
@@ -194,14 +185,9 @@ class _KernelCache(FunctionCache):
         return f"{self.cache_path}/{self._impl.filename_base}.lock"
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        try:
-            self._save(sig, data)
-        finally:
-            self._end_turn()
-
-    def _save(self, sig: Any, data: Any) -> None:
         # a full disk costs the next start some time, not this run
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError), contextlib.ExitStack() as turn:
+            turn.callback(self._end_turn)
             super().save_overload(sig, data)
             name, rest = self._impl.filename_base.split("-")
             this = f"{name}-{rest.partition('.')[0]}."  # of any Python version

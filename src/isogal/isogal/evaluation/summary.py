@@ -11,7 +11,7 @@ from isogal.evaluation.consistency import mean_nees, nees_per_axis
 from isogal.evaluation.integrity import integrity
 from isogal.evaluation.judgement import KINDS, SETTLED_AFTER, judge
 from isogal.evaluation.records import Runs
-from isogal.evaluation.results import Nees, Number, SmoothedSummary, Summary, finite
+from isogal.evaluation.results import Number, Summary, finite
 from isogal.fix import Status
 from isogal.scenario import Settings
 
@@ -46,12 +46,25 @@ def summarise(
         The same of one that knows all readings (`BoundResult.smoothed_rms_at`).
     wall_seconds : float
         Wall time that the runs took; NaN = not measured.
+
+    Returns
+    -------
+    dict
+        What `results.json` holds; m, s. `position_error` is horizontal, a mean and RMS over time
+        and runs, both also after the first hour. `nees_per_axis` is that of the navigator right
+        after the published fixes, with the chi-square interval of a consistent navigator's mean
+        (docs/mathematics.md, section 11.3); `nees_all_scans` at every recorded state but the
+        start. `judgement` has the share of runs of each kind, and their indices. `fixes` counts
+        batches that gave a fix and that did not; of these, on which the matcher has failed, and
+        whose fix the navigator rejected. `smoothed` is there where the runs were smoothed: its
+        `bound` is of one that knows all readings, `ratio` the RMS error over it, `of_causal` over
+        the RMS error of the navigator at the time.
     """
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
     settled, astray = runs.elapsed > SETTLED_AFTER, diverged(runs)
     judgement = judge(runs, astray)
     recorded = unaided[np.isfinite(unaided)]  # a recording may have gaps
-    summary: Summary = {
+    summary = {
         "scenario": settings.model_dump(mode="json"),
         "matcher": settings.matcher.name,
         "runs": len(runs),
@@ -78,7 +91,7 @@ def summarise(
     return summary
 
 
-def _smoothed(runs: Runs, states: Runs, known: Array | None) -> SmoothedSummary:
+def _smoothed(runs: Runs, states: Runs, known: Array | None) -> Summary:
     """Return the section of smoothed states, with the RMS bound (K,), m, if it is known."""
     bound_rms = np.full(runs.time.shape, np.nan) if known is None else known
     error = states.horizontal_error
@@ -103,7 +116,7 @@ def _position_error(error: Array, settled: Booleans) -> dict[str, Number]:
     }
 
 
-def _nees(values: Array) -> Nees:
+def _nees(values: Array) -> Summary:
     mean, interval = mean_nees(values)
     return {"mean": finite(mean), "interval": [finite(end) for end in interval]}
 

@@ -64,18 +64,20 @@ def ensemble_figure(
     """RMS error of the unaided and the aided navigators over time, with the posterior Cramér–Rao
     bound (K,) m at `runs.time`; of runs that were smoothed also that of the smoothed states, with
     the bound of one that knows all readings."""
+    time, name = runs.elapsed, "posterior Cramér–Rao bound (RMS)"
     curves = [
-        ("unaided INS", runs.unaided_rms, style.UNAIDED),
-        ("aided", runs.rms, style.AIDED),
-        ("posterior Cramér–Rao bound (RMS)", bound_rms, style.BOUND),
+        Curve("unaided INS", time, runs.unaided_rms, style.UNAIDED),
+        Curve("aided", time, runs.rms, style.AIDED),
+        Curve(name, time, bound_rms, style.BOUND),
     ]
     if runs.smoothed is not None:
-        curves.append(("smoothed", runs.smoothed.rms, style.SMOOTHED))
+        curves.append(Curve("smoothed", time, runs.smoothed.rms, style.SMOOTHED))
         if smoothed_bound_rms is not None:
-            curves.append(("bound of smoothing (RMS)", smoothed_bound_rms, style.SMOOTHED_BOUND))
+            name = "bound of smoothing (RMS)"
+            curves.append(Curve(name, time, smoothed_bound_rms, style.SMOOTHED_BOUND))
     many = len(runs) > 1
     label = f"RMS position error of {len(runs)} runs (m)" if many else "position error (m)"
-    return rms_figure([Curve(name, runs.elapsed, *curve) for name, *curve in curves], label)
+    return rms_figure(curves, label)
 
 
 @style.journal
@@ -214,7 +216,7 @@ def _regions(panel: "Axes", runs: Runs, settings: Integrity, level: Array) -> No
         if y < 0.5:
             lines[-1] += f", {rate.events} events in {rate.hours:.1f} h"
         sides = "right" if x > 0.5 else "left", "top" if y > 0.5 else "bottom"
-        placed = {"transform": panel.transAxes, "ha": sides[0], "va": sides[1]}
+        placed: style.Options = {"transform": panel.transAxes, "ha": sides[0], "va": sides[1]}
         box = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.85}
         panel.text(x, y, name, **placed, bbox=box)
     panel.set_title("\n".join(lines), loc="left")

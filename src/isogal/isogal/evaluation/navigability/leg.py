@@ -64,13 +64,8 @@ def leg_to(
     T = len(scans)
     north, east = metres_per_radian(latitude, trajectory.height[-1])
     end = scans[-1]
-    offset = np.stack(
-        [
-            (trajectory.latitude[scans] - trajectory.latitude[end]) * north,
-            (trajectory.longitude[scans] - trajectory.longitude[end]) * east,
-        ],
-        axis=1,
-    )
+    places = np.stack([trajectory.latitude, trajectory.longitude], axis=1)
+    offset = (places[scans] - places[end]) * (north, east)
     jacobian = measured_field(truth).reduction(truth).jacobian(trajectory.at(scans))
     basis = _basis(stacked, jacobian)
     rest = np.trace(stacked[-5:-3, -5:-3]) - (basis[-1, :2] ** 2).sum()
@@ -122,7 +117,7 @@ def leg_route(settings: Settings, latitude: float, longitude: float, heading: fl
 def _covariance(truth: Truth, trajectory: Trajectory) -> Array:
     """Return (5 T, 5 T) the covariance of position, velocity (north, east) and of the readings'
     offset at all readings."""
-    model = linear_model(truth, trajectory, [])
+    model = linear_model(truth, trajectory)
     P, per_scan = model.start, model.segments.per_scan
     crosses, rows = np.zeros((0, len(P))), []
     for stretch, (transition, *noise) in enumerate(model.transitions(), 1):

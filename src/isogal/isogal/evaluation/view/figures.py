@@ -35,8 +35,6 @@ SOURCES = {
 """Data sources and their columns."""
 ROWS = ["fixes", "messages"]
 """Rows of the panel of what was said: outcomes of batches, and diagnostics."""
-MAPS = ("overview", "close_up")
-"""Figures that are maps."""
 
 
 class Panel(NamedTuple):
@@ -56,7 +54,7 @@ def _panels(quantity: str, unit: str) -> list[Panel]:
     signal, difference = "Readings against the map", "Reading minus map at the navigator's place"
     seek = "Click a time to go there; drag to zoom in time, in all panels at once."
     usual = "Grey: where 95 % of single values of a consistent navigator lie."
-    first = "First channel where an instrument has several."
+    first, said = "First channel where an instrument has several.", "Outcomes of batches"
     return [
         Panel("errors", 200, "error (m)", "Horizontal position error", seek, "log"),
         Panel("north", 150, "north (m)", "North error, and 3 sigma as claimed"),
@@ -64,20 +62,22 @@ def _panels(quantity: str, unit: str) -> list[Panel]:
         Panel("nees", 160, "NEES", "NEES per axis (1 on average)", usual, "log"),
         Panel("signal", 180, f"({unit})", f"{signal}: {quantity}", first),
         Panel("difference", 140, f"({unit})", difference),
-        Panel("said", 150, "", "Outcomes of batches, and what the nodes said", _POINT),
+        Panel("said", 150, "", f"{said}, and what the nodes said", "Point at a mark to read it."),
     ]
 
 
-_POINT = "Point at a mark to read it."
-_CAPTIONS = {
-    "overview": "Whole route on the map. Click a place to go there; the frame is what the map"
-    " beside it shows.",
-    "close_up": "At the time of the slider.",
+MAPS = {
+    "overview": (
+        "Map and tracks over the whole route",
+        "Whole route on the map. Click a place to go there; the frame is what the map beside it"
+        " shows.",
+    ),
+    "close_up": (
+        "Surroundings: candidates, fixes and what is claimed",
+        "At the time of the slider.",
+    ),
 }
-_TITLES = {
-    "overview": "Map and tracks over the whole route",
-    "close_up": "Surroundings: candidates, fixes and what is claimed",
-}
+"""Figures that are maps, with title and caption."""
 
 
 class Layer(NamedTuple):
@@ -205,10 +205,8 @@ def drawings(
         name: ColumnDataSource({column: [] for column in columns.split()}, name=name)
         for name, columns in SOURCES.items()
     }
-    found = [
-        Drawing(_map(name, back, "{} ({})".format(*readings)), _TITLES[name], _CAPTIONS[name])
-        for name in MAPS
-    ]
+    label = "{} ({})".format(*readings)
+    found = [Drawing(_map(name, back, label), *texts) for name, texts in MAPS.items()]
     found += _over_time(_panels(*readings), end, interval)
     for drawing in found:
         plot = drawing.plot

@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
@@ -47,8 +48,8 @@ def payload(viewed: ViewedRun, plane: Plane, scale: FieldScale) -> dict[str, Jso
         "events": _events(viewed.events or (), start),
         "aids": {
             "aid": [one.aid for one in aids],
-            **_table(begin=(np.array(begin) - start) / 3600.0),
-            **_table(end=(np.array(end) - start) / 3600.0),
+            **_table(1, begin=(np.array(begin) - start) / 3600.0),
+            **_table(1, end=(np.array(end) - start) / 3600.0),
             "used": [float(one.used) for one in aids],
             "text": [one.text for one in aids],
         },
@@ -67,7 +68,7 @@ def _places(plane: Plane, latitude: Array, longitude: Array, **errors: Array) ->
     return found
 
 
-def in_km(plane: Plane, latitude: Array, longitude: Array) -> Array:
+def in_km(plane: Plane, latitude: ArrayLike, longitude: ArrayLike) -> Array:
     """Return km east and north (..., 2) of places in rad, as the maps of the page have them."""
     return 1e-3 * plane.metres(latitude, longitude)[..., ::-1]
 
@@ -90,6 +91,7 @@ def _states(viewed: ViewedRun, plane: Plane) -> Table:
     if not viewed.is_true:
         of_truth = dict.fromkeys(of_truth, np.full(runs.time.size, np.nan))
     return _table(
+        _every(runs.time),
         t=runs.elapsed / 3600.0,
         latitude=np.degrees(runs.latitude),
         longitude=np.degrees(runs.longitude),
@@ -97,7 +99,6 @@ def _states(viewed: ViewedRun, plane: Plane) -> Table:
         **of_truth,
         **_covariances(covariance),
         level=level_of(runs, viewed.assumed.integrity)[0],
-        every=_every(runs.time),
     )
 
 
@@ -109,6 +110,7 @@ def _batches(viewed: ViewedRun, plane: Plane) -> Table:
     places |= {"x": places.pop("fix_x"), "y": places.pop("fix_y")}  # shown are those of the fixes
     nees = nees_per_axis(after, runs.posterior_covariance[0])
     return _table(
+        1,
         t=(runs.fix_time - runs.time[0]) / 3600.0,
         **places,
         north=fix[:, 0],
@@ -128,7 +130,7 @@ def _candidates(runs: Runs, plane: Plane) -> list[Table]:
     for batch in range(runs.fix_time.size):
         mine = np.flatnonzero(detail.candidate_batch == batch)
         mine = mine[np.argsort(-weight[mine], kind="stable")[:MOST_CANDIDATES]]
-        found.append(_table(x=x[mine], y=y[mine], weight=weight[mine]))
+        found.append(_table(1, x=x[mine], y=y[mine], weight=weight[mine]))
     return found
 
 
@@ -136,12 +138,12 @@ def _readings(viewed: ViewedRun, scale: FieldScale) -> Table:
     detail = viewed.runs.detail or _NOTHING
     true = detail.map_value if viewed.is_true else np.full_like(detail.map_value, np.nan)
     return _table(
+        _every(detail.scan_time),
         t=(detail.scan_time - viewed.runs.time[0]) / 3600.0,
         reading=scale(detail.reading),
         truth=scale(true),
         navigator=scale(detail.map_value_navigator),
         difference=(detail.reading - detail.map_value_navigator) / scale.unit,
-        every=_every(detail.scan_time),
     )
 
 
@@ -160,7 +162,7 @@ def _events(events: Sequence[Event], start: float) -> Table:
         times[row] += 1
         last[key] = row, event.time
     return {
-        **_table(t=(np.array([event.time for event in first]) - start) / 3600.0),
+        **_table(1, t=(np.array([event.time for event in first]) - start) / 3600.0),
         "level": [event.level for event in first],
         "source": [event.source for event in first],
         "text": [event.text for event in first],
@@ -172,7 +174,7 @@ def _every(rows: Array) -> int:
     return max(1, -(-rows.size // MOST_STATES))
 
 
-def _table(every: int = 1, **columns: Array) -> Table:
+def _table(every: int, /, **columns: Array) -> Table:
     """Return every so many-th number of columns with nine significant digits, None for what is not
     finite."""
     return {
