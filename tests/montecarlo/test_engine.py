@@ -17,6 +17,7 @@ from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.summary import summarise
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
 from isogal.montecarlo.engine import simulate
+from isogal.montecarlo.recorder import Recorder
 from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
@@ -128,6 +129,15 @@ def test_record_of_the_loop():
     detail = runs.detail
     np.testing.assert_allclose(detail.map_value, MAP.value(runs.latitude[1:], runs.longitude[1:]))
     assert np.abs(detail.reading - detail.map_value_navigator).max() < 1e-3
+
+
+def test_batches_that_the_navigator_could_not_make_say_why():
+    recorder = Recorder(
+        build_trajectory(scenario()), np.arange(0, 601, 10), np.array([15]), 2, False
+    )
+    runs = recorder.record(np.zeros((2, 61, 2)), MAP)
+    assert not runs.published.any()
+    assert set(runs.fix_reason.flat) == {"no batch: not aligned, or no reading"}
 
 
 @dataclass

@@ -84,7 +84,7 @@ def summarise(
             "wall_s": finite(wall_seconds),
             "fix_ms_median": finite(1e3 * _median(runs.fix_seconds)),
         },
-        "rms_over_time": _rms_over_time(runs, bound_rms, aided=aided, unaided=unaided),
+        "rms_over_time": _rms_over_time(runs, bound_rms, aided=runs.rms, unaided=runs.unaided_rms),
     }
     if runs.smoothed is not None:
         summary["smoothed"] = _smoothed(runs, runs.smoothed, smoothed_bound_rms)
@@ -103,7 +103,7 @@ def _smoothed(runs: Runs, states: Runs, known: Array | None) -> Summary:
         "bound": {"rms": bound, "rms_after_1h": _rms(bound_rms[settled])},
         "ratio": rms / bound if rms is not None and bound else None,
         "of_causal": rms / causal if rms is not None and causal else None,
-        "rms_over_time": _rms_over_time(runs, bound_rms, smoothed=error),
+        "rms_over_time": _rms_over_time(runs, bound_rms, smoothed=states.rms),
     }
 
 
@@ -132,11 +132,10 @@ def _fixes(runs: Runs) -> dict[str, int]:
     }
 
 
-def _rms_over_time(runs: Runs, bound_rms: Array, **errors: Array) -> dict[str, list[Number]]:
-    """Return the RMS over runs of errors (R, K), by name, and the bound over time."""
+def _rms_over_time(runs: Runs, bound_rms: Array, **rms: Array) -> dict[str, list[Number]]:
+    """Return RMS errors (K,) over runs, by name, and the bound over time."""
     step = float(np.median(np.diff(runs.time))) if runs.time.size > 1 else OVER_TIME_STEP
     entries = slice(None, None, max(1, round(OVER_TIME_STEP / step)))
-    rms = {name: np.sqrt(np.mean(error**2, axis=0)) for name, error in errors.items()}
     columns = {"time": runs.elapsed, **rms, "bound": bound_rms}
     return {
         name: [finite(value) for value in column[entries].tolist()]
