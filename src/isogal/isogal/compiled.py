@@ -18,6 +18,7 @@ import hashlib
 import inspect
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -35,6 +36,8 @@ _digests: dict[Any, str] = {}
 """Digest of each kernel's Python function."""
 _modules: set[str] = set()
 """Names of the modules that hold kernels."""
+_PATIENCE = 60.0
+"""s, the longest wait for another process that compiles the same kernel."""
 _CONSTANTS = (bool, int, float, complex, str, np.generic, tuple)
 
 
@@ -165,13 +168,18 @@ class _KernelCache(FunctionCache):
         return found
 
     def _take_turn(self) -> None:
-        """Wait until no other process compiles the kernel, which ends with that process at the
-        latest; without a lock where no file can be locked."""
+        """Wait until no other process compiles the kernel; without a lock after `_PATIENCE`, and
+        where no file can be locked."""
         with contextlib.suppress(OSError):
             self._impl.locator.ensure_cache_path()
             lock = os.open(self._lock_file, os.O_RDWR | os.O_CREAT, 0o666)
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            self.turn = lock
+            for _ in range(int(_PATIENCE / 0.05)):
+                with contextlib.suppress(BlockingIOError):
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    self.turn = lock
+                    return
+                time.sleep(0.05)
+            os.close(lock)
 
     def _end_turn(self) -> None:
         if self.turn is not None:

@@ -44,15 +44,13 @@ class RouteRequest:
     """Latitude, longitude, rad."""
     goal: Place
     detour: float = 0.15
-    """Share of the straight way that the route may be longer."""
+    """Share of the straight way that the route may be longer, above 0."""
     ceiling: float | None = None
     """m: the shortest route whose RMS error on arrival is below; None = the least error."""
     areas: tuple[Rings, ...] = ()
 
     def check(self) -> None:
         """Raise InputError unless this can be asked."""
-        if not 0.0 < self.detour <= 1.0:
-            raise InputError(f"detour must be above 0 and at most 1, is {self.detour:g}")
         for name, place in (("start", self.start), ("goal", self.goal)):
             if inside(list(self.areas), np.array(place[0]), np.array(place[1])).any():
                 raise InputError(f"{name} lies in an area that the route must keep out of")

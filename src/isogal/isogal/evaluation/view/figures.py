@@ -16,23 +16,10 @@ from isogal.evaluation.view.background import Background
 if TYPE_CHECKING:
     from bokeh.plotting import figure as Figure  # noqa: N812  a class
 
-SOURCES = {
-    "tracks": "x y aided_x aided_y unaided_x unaided_y",
-    "fixes": "x y alpha text",
-    "fix_ellipses": "xs ys alpha",
-    "candidates": "x y size",
-    "posterior": "xs ys",
-    "claimed": "xs ys",
-    "protection": "xs ys",
-    "now": "x y colour marker",
-    "frame": "left right bottom top",
-    "states": "t error sigma unaided level nees"
-    " north north_low north_high east east_low east_high",
-    "after_fixes": "t nees",
-    "readings": "t reading truth navigator difference",
-    "events": "t row colour marker text",
-}
-"""Data sources and their columns."""
+_COLUMNS = {"alpha", "size", "colour", "marker"}
+"""Values of a style that are columns of the data source."""
+_TEXTS = ("fixes", "events")
+"""Data sources with a text for each mark."""
 ROWS = ["fixes", "messages"]
 """Rows of the panel of what was said: outcomes of batches, and diagnostics."""
 
@@ -201,10 +188,11 @@ def drawings(
     """
     from bokeh.models import ColumnDataSource, CustomJS, HoverTool
 
-    sources = {
-        name: ColumnDataSource({column: [] for column in columns.split()}, name=name)
-        for name, columns in SOURCES.items()
-    }
+    sources = {layer.source: ColumnDataSource(name=layer.source) for layer in LAYERS}
+    for layer in LAYERS:
+        texts = ["text"] if layer.source in _TEXTS else []
+        columns = [*layer.columns.split(), *_COLUMNS.intersection(layer.style.values()), *texts]
+        sources[layer.source].data |= {column: [] for column in sorted(columns)}
     label = "{} ({})".format(*readings)
     found = [Drawing(_map(name, back, label), *texts) for name, texts in MAPS.items()]
     found += _over_time(_panels(*readings), end, interval)
@@ -217,7 +205,7 @@ def drawings(
             named = {"name": f"{drawing.name}.{layer.name}"} if layer.label else {}
             draw, columns = getattr(plot, layer.glyph), layer.columns.split()
             drawn = draw(*columns, source=sources[layer.source], **layer.style, **named)
-            if "text" in SOURCES[layer.source].split():
+            if layer.source in _TEXTS:
                 plot.add_tools(HoverTool(renderers=[drawn], tooltips="@text"))
     return found
 
