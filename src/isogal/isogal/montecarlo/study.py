@@ -65,8 +65,6 @@ def compute_cases(
     total = sum(case.runs for case in cases)
     jobs = [Job(case, run) for case in cases for run in store.missing(case)]
     kept = total - len(jobs)
-    for damage in store.damaged:
-        display.say(f"computed again: {damage}")
     display.begin(jobs, kept)
     try:
         with closing(computed(jobs, backend.start)) as finished:

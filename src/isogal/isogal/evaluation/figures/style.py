@@ -105,11 +105,9 @@ def journal(draw: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> T:
-        import matplotlib as mpl
+        from matplotlib.style import context
 
-        with mpl.rc_context():
-            mpl.rcdefaults()
-            mpl.rcParams.update(_JOURNAL)
+        with context(_JOURNAL, after_reset=True):
             return draw(*args, **kwargs)
 
     return styled
@@ -126,10 +124,10 @@ def new_figure(height: float, width: float = WIDTH) -> "Figure":
 
 
 @journal
-def png(figure: "Figure", dpi: int | None = None) -> bytes:
-    """Render a figure, at `DPI` dots per inch unless told; equal figures give equal bytes."""
+def png(figure: "Figure") -> bytes:
+    """Render a figure; equal figures give equal bytes."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi or DPI, metadata={"Software": None})
+    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     return buffer.getvalue()
 
 
