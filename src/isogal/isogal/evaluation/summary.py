@@ -1,4 +1,13 @@
-"""The figures of merit of a set of runs."""
+"""The figures of merit of a set of runs: what `results.json` holds, m, s.
+
+`position_error` is horizontal, a mean and RMS over time and runs, both also after the first hour.
+`nees_per_axis` is that of the navigator right after the published fixes, with the chi-square
+interval of a consistent navigator's mean (docs/mathematics.md, section 11.3); `nees_all_scans` at
+every recorded state but the start. `judgement` has the share of runs of each kind, and their
+indices. `fixes` counts batches that gave a fix and that did not; of these, on which the matcher
+has failed, and whose fix the navigator rejected. `smoothed` is there where the runs were smoothed:
+its `bound` is of one that knows all readings, `ratio` the RMS error over it, `of_causal` over the
+RMS error of the navigator at the time."""
 
 import math
 from collections import Counter
@@ -46,19 +55,6 @@ def summarise(
         The same of one that knows all readings (`BoundResult.smoothed_rms_at`).
     wall_seconds : float
         Wall time that the runs took; NaN = not measured.
-
-    Returns
-    -------
-    dict
-        What `results.json` holds; m, s. `position_error` is horizontal, a mean and RMS over time
-        and runs, both also after the first hour. `nees_per_axis` is that of the navigator right
-        after the published fixes, with the chi-square interval of a consistent navigator's mean
-        (docs/mathematics.md, section 11.3); `nees_all_scans` at every recorded state but the
-        start. `judgement` has the share of runs of each kind, and their indices. `fixes` counts
-        batches that gave a fix and that did not; of these, on which the matcher has failed, and
-        whose fix the navigator rejected. `smoothed` is there where the runs were smoothed: its
-        `bound` is of one that knows all readings, `ratio` the RMS error over it, `of_causal` over
-        the RMS error of the navigator at the time.
     """
     aided, unaided = runs.horizontal_error, runs.unaided_horizontal_error
     settled, astray = runs.elapsed > SETTLED_AFTER, diverged(runs)

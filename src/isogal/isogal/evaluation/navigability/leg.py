@@ -141,13 +141,11 @@ def _basis(stacked: Array, jacobian: Array) -> Array:
     """Return B (T, 5, m): what is largest in position, and in what a reading gets from velocity
     and offset."""
     T = len(jacobian)
-    diagonal = np.diag(stacked).reshape(T, 5).max(axis=0)
-    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.maximum(diagonal, 1e-300)), 0.0)
-    scaled = stacked * np.outer(np.tile(scale, T), np.tile(scale, T))
-    values, vectors = np.linalg.eigh(scaled)
+    size = np.tile(np.sqrt(np.diag(stacked).reshape(T, 5).max(axis=0)), T)
+    scale = np.where(size > 0.0, 1.0 / np.maximum(size, 1e-150), 0.0)
+    values, vectors = np.linalg.eigh(stacked * np.outer(scale, scale))
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
     kept = int(np.searchsorted(np.cumsum(values), (1.0 - _NEGLECTED) * values.sum())) + 1
     kept = min(kept, MOST, len(values))
-    back = np.tile(np.where(scale > 0.0, np.sqrt(diagonal), 0.0), T)
-    basis = back[:, None] * vectors[:, :kept] * np.sqrt(values[:kept])
+    basis = size[:, None] * vectors[:, :kept] * np.sqrt(values[:kept])
     return np.ascontiguousarray(basis.reshape(T, 5, kept))

@@ -188,11 +188,14 @@ def drawings(
     """
     from bokeh.models import ColumnDataSource, CustomJS, HoverTool
 
-    sources = {layer.source: ColumnDataSource(name=layer.source) for layer in LAYERS}
+    columns: dict[str, set[str | float]] = {name: {"text"} for name in _TEXTS}
     for layer in LAYERS:
-        texts = ["text"] if layer.source in _TEXTS else []
-        columns = [*layer.columns.split(), *_COLUMNS.intersection(layer.style.values()), *texts]
-        sources[layer.source].data |= {column: [] for column in sorted(columns)}
+        own = {*layer.columns.split(), *_COLUMNS.intersection(layer.style.values())}
+        columns.setdefault(layer.source, set()).update(own)
+    sources = {
+        name: ColumnDataSource({column: [] for column in sorted(map(str, each))}, name=name)
+        for name, each in columns.items()
+    }
     label = "{} ({})".format(*readings)
     found = [Drawing(_map(name, back, label), *texts) for name, texts in MAPS.items()]
     found += _over_time(_panels(*readings), end, interval)
@@ -203,8 +206,8 @@ def drawings(
         plot.js_on_event("tap", CustomJS(code=f"window.isogalView.{seek}"))
         for layer in drawing.layers:
             named = {"name": f"{drawing.name}.{layer.name}"} if layer.label else {}
-            draw, columns = getattr(plot, layer.glyph), layer.columns.split()
-            drawn = draw(*columns, source=sources[layer.source], **layer.style, **named)
+            draw, source = getattr(plot, layer.glyph), sources[layer.source]
+            drawn = draw(*layer.columns.split(), source=source, **layer.style, **named)
             if layer.source in _TEXTS:
                 plot.add_tools(HoverTool(renderers=[drawn], tooltips="@text"))
     return found
