@@ -14,10 +14,11 @@ from isogal.errors import InputError
 from isogal.evaluation.navigability.kernels import (
     Approach,
     Ground,
+    Leg,
     errors_on_arrival,
     second_places,
 )
-from isogal.evaluation.navigability.leg import Leg, leg_to
+from isogal.evaluation.navigability.leg import leg_to
 from isogal.fields.measured import measured_field
 from isogal.maps.error_ellipses import mean_length
 from isogal.maps.field_map import FieldMap
@@ -122,9 +123,7 @@ class Area:
 
     def errors(self, leg: Leg, rows: Integers, columns: Integers) -> Array:
         """Return (N, M) the RMS horizontal error (m) on arrival at nodes."""
-        return errors_on_arrival(
-            rows, columns, self.ground, leg.approach, leg.position, leg.reduction, leg.rest
-        )
+        return errors_on_arrival(rows, columns, self.ground, leg)
 
     def ambiguity(self, leg: Leg, rows: Integers, columns: Integers) -> Array:
         """Return (N, M) the probability of a second place at nodes."""

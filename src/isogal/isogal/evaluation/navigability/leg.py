@@ -8,14 +8,13 @@ variance one, B from the largest eigenvalues of its covariance. B does not depen
 hardly on the place, so that it is computed once for each heading."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import bias_and_drift, linear_model, propagated
-from isogal.evaluation.navigability.kernels import Approach
+from isogal.evaluation.navigability.kernels import Approach, Leg
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
 from isogal.scenario import Route, Settings, Truth
@@ -25,19 +24,6 @@ MOST = 10
 """Coefficients at most."""
 _NEGLECTED = 1e-5
 """Share of the variance that may be left out."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Leg:
-    """A leg on one heading, with T readings, the last at its end."""
-
-    approach: Approach
-    position: Array
-    """(T, 2, m) position error (m) by the coefficients."""
-    reduction: Array
-    """(T, m) reading by the coefficients, without the part of the map's gradient."""
-    rest: float
-    """m², variance of the position at the end that is left out."""
 
 
 def leg_to(
