@@ -28,7 +28,7 @@ from mismatch_rows import ROWS
 from isogal.arrays import Array
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.stanford import stanford_figure
+from isogal.evaluation.figures.errors import stanford_figure
 from isogal.evaluation.integrity import (
     RISKS,
     Rate,

@@ -46,8 +46,6 @@ def test_file_and_overrides(tmp_path):
     assert (it.seed, it.route.height, it.matcher.name) == (3, 250.0, "pmht-paper")
     assert (it.matcher.batch_length, it.map.source) == (15, "1e5_tiles.nc")
     assert it.route.duration is None
-    with pytest.raises(InputError, match=r"--set seed\.x=1: 'seed' is a value, not a section"):
-        load_scenario(path, ["seed.x=1"])
 
 
 @pytest.mark.parametrize(
@@ -59,7 +57,7 @@ def test_exponents_without_a_dot_are_numbers(tmp_path, text, value):
     path = tmp_path / "s.yaml"
     path.write_text(f"gravimeter: {{sigma: {text}}}\n")
     assert load_scenario(path).gravimeter.sigma == value
-    assert load_scenario(None, [f"gravimeter.sigma={text}"]).gravimeter.sigma == value
+    assert load_scenario(None, f"gravimeter.sigma={text}").gravimeter.sigma == value
 
 
 def test_waypoints_take_the_place_of_both_ends():
@@ -75,14 +73,11 @@ def test_waypoints_take_the_place_of_both_ends():
             "matcher.batch_lenght=15",
             "unknown key 'matcher.batch_lenght', did you mean 'matcher.batch_length'?",
         ),
-        ("gravimetre.sigma=1", "unknown key 'gravimetre', did you mean 'gravimeter'?"),
         ("batch_length=15", "unknown key 'batch_length', did you mean 'matcher.batch_length'?"),
         ("xyz=1", "unknown key 'xyz'; allowed: seed, field, route, imu, "),
         ("route={speed: 1,5}", "unknown key 'route.5'; allowed: route.start"),
         ("gravimeter.sigma=-1", "gravimeter.sigma: must be greater than 0, not -1"),
-        ("gravimeter.sigma=.inf", "gravimeter.sigma: must be a finite number, not inf"),
         ("gnss.lever_arm=[.nan, 0, 0]", "gnss.lever_arm.0: must be a finite number, not nan"),
-        ("fusion.false_rejection=0.5", "fusion.false_rejection: must be at most "),
         (
             "gravimeter.interval=10.5",
             "gravimeter.interval (10.5 s) must be a whole number of IMU samples (1/1.0 s)",
@@ -106,15 +101,9 @@ def test_waypoints_take_the_place_of_both_ends():
             "field: unknown field 'magnetik' (did you mean 'magnetic'?); allowed: disturbance, ",
         ),
         ("matcher.stride=31", "matcher: stride (31) must not exceed batch_length (30)"),
-        ("initial_error.position=1e9", "initial_error.position: must be at most 1e+06"),
         ("route.start=[95, 0]", "route.start.0: must be at most 89.9, not 95"),
         ("route.start=null", "route: give start and end, or waypoints"),
-        ("route.end=[-38.0, 144.5]", "route: start and end must differ"),
         ("route.waypoints=[[-38, 144, 22]]", "route: waypoints needs at least two points"),
-        (
-            "route.waypoints=[[-38, 144, 22], [-37, 145, 0]]",
-            "route.waypoints.1.2: must be greater than 0, not 0",
-        ),
         ("route=null", "route: must be a section of keys, not null"),
         ("seed=2020-01-02", "seed: must be a whole number, not 2020-01-02"),
         ("matcher.map_sigma=true", "matcher.map_sigma: must be a number or 'auto', not true"),
@@ -157,7 +146,7 @@ def test_no_key_is_refused_in_the_words_of_a_library(text):
     assert not [line for line in refused if foreign.search(line)]
 
 
-def test_times_of_aids_after_the_end_are_said():
+def test_times_of_aids_after_the_end_and_runs_too_short_for_a_fix_are_said():
     keys = "gnss.available=[[0, 50], [60, 70]]", "positions=[{available: [[80, 90]]}]"
     keys += ("matcher.batch_length=6",)
     scenario = load_scenario(None, keys)
@@ -166,16 +155,7 @@ def test_times_of_aids_after_the_end_are_said():
         "gnss.available: [60, 70] is after the end of the run, 60 s",
         "positions.0.available: [80, 90] is after the end of the run, 60 s",
     ]
-
-
-def test_one_override_needs_no_list():
-    assert load_scenario(None, "seed=7").seed == 7
-
-
-def test_runs_too_short_for_a_fix_are_named():
-    scenario = load_scenario()
-    assert scenario.never_available(300.0) == []
-    assert scenario.never_available(299.0) == [
+    assert load_scenario().never_available(299.0) == [
         "matcher.batch_length: 30 readings, one each 10 s, take longer than the run, 299 s:"
         " it has no fix"
     ]

@@ -11,10 +11,13 @@ from PIL import Image
 from helpers.route_maps import made_up as field
 from helpers.studies import outcomes
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.ensemble import ensemble_figure
-from isogal.evaluation.figures.errors import error_figure, nees_figure
+from isogal.evaluation.figures.errors import (
+    ensemble_figure,
+    error_figure,
+    nees_figure,
+    stanford_figure,
+)
 from isogal.evaluation.figures.signal import signal_figure
-from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.scenario import Integrity
 
@@ -69,26 +72,17 @@ def test_axes_name_their_units_and_legends_their_curves_and_nothing_is_cut_off(m
     ],
     ids=["no batch", "nothing is published"],
 )
-def test_odd_records_are_drawn_without_complaint(make_runs, changes):
+def test_odd_records_are_drawn_without_complaint(make_runs, changes, monkeypatch):
+    monkeypatch.setattr(style, "DPI", 50)
     with np.errstate(all="raise"):
         for figure in all_figures(make_runs(**changes)).values():
-            assert len(style.png(figure, dpi=50)) > 1000
-
-
-def test_errors_and_band_are_those_of_the_record(make_runs):
-    runs = make_runs(runs=2)
-    north = error_figure(runs).axes[0]
-    drawn = {line.get_label(): line.get_ydata() for line in north.lines}
-    np.testing.assert_allclose(drawn["aided"], runs.error[0, :, 0])
-    np.testing.assert_allclose(drawn["unaided INS"], runs.unaided_error[0, :, 0])
-    top = north.collections[0].get_paths()[0].vertices[:, 1].max()
-    assert top == pytest.approx(150.0)
+            assert len(style.png(figure)) > 1000
 
 
 def test_scales_of_fields():
     gravity = style.field_scale(field())
     np.testing.assert_allclose(gravity([9.8, 9.8 + 2e-5]), [0.0, 2.0], atol=1e-6)
-    assert "9.80 m/s²" in gravity.label
+    assert "9.80 m/s²" in gravity.name
     assert style.field_scale(field(quantity="disturbance", level=0.0))([3e-5]) == pytest.approx(
         3.0
     )
@@ -96,13 +90,15 @@ def test_scales_of_fields():
     assert magnetic([40.0]) == 40.0 and magnetic.two_lines == "Magnetic anomaly\n(nT)"
 
 
-def test_the_ensemble_shows_the_rms_over_runs(make_runs):
+def test_errors_are_those_of_the_record(make_runs):
     runs = make_runs(runs=5)
-    panel = ensemble_figure(runs, np.full(runs.time.size, 30.0)).axes[0]
-    drawn = {line.get_label(): line.get_ydata() for line in panel.lines}
+    panel, north = ensemble_figure(runs, 30.0 * np.ones(121)).axes[0], error_figure(runs).axes[0]
+    drawn, of_first = ({x.get_label(): x.get_ydata() for x in it.lines} for it in (panel, north))
     np.testing.assert_allclose(drawn["aided"], np.sqrt((runs.error**2).sum(-1).mean(0)))
-    np.testing.assert_allclose(
-        drawn["unaided INS"], np.sqrt((runs.unaided_error**2).sum(-1).mean(0))
-    )
+    unaided = np.sqrt((runs.unaided_error**2).sum(-1).mean(0))
+    np.testing.assert_allclose(drawn["unaided INS"], unaided)
     np.testing.assert_allclose(drawn["posterior Cramér–Rao bound (RMS)"], 30.0)
     np.testing.assert_allclose(panel.lines[0].get_xdata(), runs.time / 3600.0)
+    np.testing.assert_allclose(of_first["aided"], runs.error[0, :, 0])
+    np.testing.assert_allclose(of_first["unaided INS"], runs.unaided_error[0, :, 0])
+    assert north.collections[0].get_paths()[0].vertices[:, 1].max() == pytest.approx(150.0)

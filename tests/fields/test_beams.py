@@ -82,7 +82,7 @@ def test_out_of_range_and_missing(floor):
 
 def test_what_cannot_be_simulated_is_refused(floor):
     for items, words in (
-        (("altimeter.directions=[[0, 80]]",), "angle from straight down"),
+        (("altimeter.directions=[[0, 80]]",), "directions.0.1: must be at most 75"),
         (("altimeter.beams=3", DVL), "says nothing where directions"),
         ((DVL, "altimeter.message=scan"), "directions needs points"),
         (("altimeter.beams=3", "truth.altimeter.beams=4"), "truth.altimeter.beams"),

@@ -17,6 +17,7 @@ from isogal.evaluation.consistency import nees_per_axis
 from isogal.evaluation.summary import summarise
 from isogal.matching.interfaces import LOST_SIGMA, Batch, Fix, declined
 from isogal.montecarlo.engine import simulate
+from isogal.montecarlo.recorder import Recorder
 from isogal.scenario import Gravimeter, Gravity, InitialError, MapError, Matcher, Scenario
 from isogal.sensors.imu import simulate_imu
 from isogal.sensors.initial import draw_initial_state
@@ -87,20 +88,19 @@ def _late_error(**settings):
 
 
 def test_retrodiction_ends_where_standard_aiding_does_and_has_smaller_steps():
-    past = {}
+    past = []
 
-    def keep(run, which, track):
-        past.update({(run, scan): row[:2] for scan, row in zip(which, track, strict=True)})
+    def keep(run, navigator):
+        past.append(navigator.inertial.track(np.arange(10.0, 601.0, 10.0))[:, :2])
 
     standard = simulate(scenario(), range(4), MAP)
-    late = simulate(scenario(mode="retrodiction"), range(4), MAP, revised=keep)
+    late = simulate(scenario(mode="retrodiction"), range(4), MAP, finished=keep)
     ends = [np.trace(one.posterior_covariance, axis1=2, axis2=3) for one in (late, standard)]
     np.testing.assert_allclose(*ends, rtol=0.1)
     apart = np.linalg.norm(late.posterior_error - standard.posterior_error, axis=2)
     assert (apart < 0.2 * np.sqrt(ends[1])).all()
-    track = np.array([[past[run, scan] for scan in range(1, 61)] for run in range(4)])
     truth = standard.latitude[1:], standard.longitude[1:]
-    error = horizontal_difference(*track.transpose(2, 0, 1), *truth)
+    error = horizontal_difference(*np.array(past).transpose(2, 0, 1), *truth)
     steps, jumps = (np.linalg.norm(np.diff(e, axis=1), axis=2) for e in (error, standard.error))
     assert np.sqrt((steps**2).mean()) < 0.5 * np.sqrt((jumps**2).mean())
 
@@ -129,6 +129,15 @@ def test_record_of_the_loop():
     detail = runs.detail
     np.testing.assert_allclose(detail.map_value, MAP.value(runs.latitude[1:], runs.longitude[1:]))
     assert np.abs(detail.reading - detail.map_value_navigator).max() < 1e-3
+
+
+def test_batches_that_the_navigator_could_not_make_say_why():
+    recorder = Recorder(
+        build_trajectory(scenario()), np.arange(0, 601, 10), np.array([15]), 2, False
+    )
+    runs = recorder.record(np.zeros((2, 61, 2)), MAP)
+    assert not runs.published.any()
+    assert set(runs.fix_reason.flat) == {"no batch: not aligned, or no reading"}
 
 
 @dataclass

@@ -102,9 +102,8 @@ def _digest(function: Callable[..., Any], options: dict[str, Any]) -> str:
                 f"{name}.{below} {_digests[inner]}" for below, inner in _kernels(vars(value))
             ]
         elif isinstance(value, np.ndarray):
-            parts.append(
-                f"{name} {value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}"
-            )
+            content = hashlib.sha256(value.tobytes()).hexdigest()
+            parts.append(f"{name} {value.dtype} {value.shape} {content}")
         elif not name.startswith("__") and _is_constant(value):
             parts.append(f"{name} {value!r}")
     # those of the file itself are in its text
@@ -194,14 +193,9 @@ class _KernelCache(FunctionCache):
         return f"{self.cache_path}/{self._impl.filename_base}.lock"
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        try:
-            self._save(sig, data)
-        finally:
-            self._end_turn()
-
-    def _save(self, sig: Any, data: Any) -> None:
         # a full disk costs the next start some time, not this run
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError), contextlib.ExitStack() as turn:
+            turn.callback(self._end_turn)
             super().save_overload(sig, data)
             name, rest = self._impl.filename_base.split("-")
             this = f"{name}-{rest.partition('.')[0]}."  # of any Python version

@@ -35,11 +35,6 @@ class Groups:
 
     def mean(self, values: Array) -> Array:
         """Return (G, ...) means of values (N, ...)."""
-        if values.ndim == 1:  # without the matrix, whose making takes longer than the sums
-            return np.asarray(np.bincount(self.of, values, len(self.count)) / self.count)
-        from scipy.sparse import csr_array
-
-        count, own = len(self.of), np.ones(len(self.of))
-        which = csr_array((own, self.of, np.arange(count + 1)), shape=(count, len(self.count)))
-        means = which.T @ values.reshape(count, math.prod(values.shape[1:])) / self.count[:, None]
-        return np.asarray(means.reshape(-1, *values.shape[1:]))
+        columns = values.reshape(len(values), math.prod(values.shape[1:])).T
+        sums = [np.bincount(self.of, column, len(self.count)) for column in columns]
+        return np.array(sums / self.count).T.reshape(-1, *values.shape[1:])

@@ -32,7 +32,7 @@ def test_a_run_of_a_study(study, tmp_path, make_runs):
     assert str(page) in answer("view", study, "--run", 2, "--out", page)
     text = page.read_text(encoding="utf-8")
     assert "out: run 2 of 3" in text
-    assert f'"north":[{make_runs(runs=3).error[2, 0, 0]:.5g}' in text
+    assert f'"north":[{make_runs(runs=3).error[2, 0, 0]:.9g}' in text
 
 
 def test_what_cannot_be_shown(study, tmp_path):

@@ -1,7 +1,7 @@
 """How good a navigator was: errors, consistency, the bound, figures, reports.
 
 records            what runs leave behind, as arrays; files of them
-results            what results.json and summary.json hold, and how they are written
+results            how results.json and summary.json are written and read
 summary            figures of merit of a set of runs
 judgement          is a run worse than without aiding, or not what it claims?
 integrity          is the error within its protection level? exceedances, Poisson intervals

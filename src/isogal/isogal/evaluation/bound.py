@@ -138,6 +138,8 @@ class BoundModel:
     """The linear model. Its n states are the navigator's errors (`isogal.inertial.error_model`),
     the filter's auxiliary ones, and the slow errors of each field's readings."""
 
+    time: Array
+    """(K,) s, of the start and of the scans."""
     segments: Segments
     imu: Imu
     states: tuple[AuxiliaryState, ...]
@@ -170,9 +172,9 @@ class BoundModel:
                     after[here, here] += steps.joined[own - 1]
             yield over, half, after
 
-    def covariances(self, smoothed: bool) -> tuple[Array, Array | None]:
-        """Return (S + 1, 2, 2) the position covariances at the start and after each scan; and
-        where that is asked for the same given all readings, those that come later included.
+    def bound(self, smoothed: bool = False) -> BoundResult:
+        """Return the position covariances, and where that is asked for the same given all
+        readings, those that come later included.
 
         Forward covariances P, then backwards the information L of what comes later, of which P - P
         L P is left (modified Bryson-Frazier; Bierman 1973, docs/mathematics.md, section 11.1).
@@ -197,12 +199,12 @@ class BoundModel:
                 A, B = (np.eye(n), np.zeros((n, n))) if smoothed else (A, B)
         known = np.array([P[:2, :2] for P, _, _ in scans])
         if not smoothed:
-            return known, None
+            return BoundResult(self.time, known)
         result, later = [], np.zeros((n, n))
         for P, A, B in reversed(scans):
             result.append(P[:2, :2] - P[:2] @ later @ P[:, :2])
             later = A.T @ later @ A + B
-        return known, np.array(result[::-1])
+        return BoundResult(self.time, known, np.array(result[::-1]))
 
 
 def propagated(P: Array, transition: Array, before: Array, after: Array) -> Array:
@@ -251,29 +253,17 @@ def posterior_cramer_rao(
     smoothed : bool
         Return besides that of one that knows all readings of the voyage.
     """
-    model = bound_model(truth, trajectory, field_map, map_share)
-    return _result(model, trajectory, truth.steps_per_scan, smoothed)
+    return bound_model(truth, trajectory, field_map, map_share).bound(smoothed)
 
 
 def unaided_covariance(truth: Truth, trajectory: Trajectory) -> BoundResult:
     """Return the error covariance of the navigator without any reading, by the same linear
     model."""
-    return _result(linear_model(truth, trajectory, []), trajectory, truth.steps_per_scan)
-
-
-def _result(
-    model: BoundModel, trajectory: Trajectory, steps: int, smoothed: bool = False
-) -> BoundResult:
-    """Return the bound of a model whose scans are so many steps of the trajectory apart."""
-    covariance, later = model.covariances(smoothed)
-    return BoundResult(trajectory.time[np.arange(len(covariance)) * steps], covariance, later)
+    return linear_model(truth, trajectory).bound()
 
 
 def bound_model(
-    truth: Truth,
-    trajectory: Trajectory,
-    field_map: RunMap,
-    map_share: Array | None = None,
+    truth: Truth, trajectory: Trajectory, field_map: RunMap, map_share: Array | None = None
 ) -> BoundModel:
     """Return the linear model whose recursion `posterior_cramer_rao` is, whose parameters these
     are. Measurements of aids come first, then those of each field."""
@@ -418,19 +408,10 @@ def _sensitivity(
     the navigator's error xi at the scan: (jacobian - gradient) xi, a mean over the path where the
     readings are late; NaN = the reading tells nothing."""
     time, total = trajectory.time, np.zeros((len(scans), 4))
+    place = trajectory.latitude, trajectory.longitude, trajectory.height
     for age, weight in zip(*lag.ages(), strict=True):
-        then = time[scans] - age
-        place = [
-            np.interp(then, time, values)
-            for values in (
-                trajectory.latitude,
-                trajectory.longitude,
-                trajectory.height,
-                trajectory.velocity[:, 0],
-                trajectory.velocity[:, 1],
-            )
-        ]
-        at = State(*place)
+        along = (*place, *trajectory.velocity[:, :2].T)
+        at = State(*(np.interp(time[scans] - age, time, values) for values in along))
         _, north, east = field_map.value_and_gradient(at.latitude, at.longitude)
         jacobian = reduction.jacobian(at)
         jacobian[:, 0] -= north
@@ -443,7 +424,7 @@ def _sensitivity(
 
 
 def linear_model(
-    truth: Truth, trajectory: Trajectory, fields: Sequence[_FieldReadings]
+    truth: Truth, trajectory: Trajectory, fields: Sequence[_FieldReadings] = ()
 ) -> BoundModel:
     """Return the model of a navigator that knows the truth, with its aids and readings of some
     fields."""
@@ -466,6 +447,7 @@ def linear_model(
             jumps.append((first, every, one.jumps))
         first = last + 1
     return BoundModel(
+        trajectory.time[:: truth.steps_per_scan],
         segments,
         truth.imu,
         tuple(states),
@@ -513,13 +495,10 @@ def _of_aid(
 def _some_value(aid: AnyAid, height: float) -> ArrayLike:
     """Return a reading of an aid, at a height (m), in the axes that it measures; a receiver's
     vertical velocity is not used."""
-    match aid:
-        case Velocity():
-            return [0.0 if axis in aid.axes else np.nan for axis in range(3)]
-        case PositionAid():
-            return [0.0, 0.0, height]
-        case Gnss():
-            return [0.0, 0.0, np.nan]
+    if isinstance(aid, Velocity):
+        return [0.0 if axis in aid.axes else np.nan for axis in range(3)]
+    if isinstance(aid, PositionAid | Gnss):
+        return [0.0, 0.0, height if isinstance(aid, PositionAid) else np.nan]
     return 0.0
 
 

@@ -23,12 +23,10 @@ def by_heading(heading: Array, residual: Array) -> Array:
     """Return (8,) the mean of residuals (N,) on headings (N,; rad) around north, north-east, ...;
     NaN where there are none."""
     sector = np.round(heading / (2.0 * np.pi) * len(_SECTORS)).astype(int) % len(_SECTORS)
-    sums, counts = (
-        np.bincount(sector[np.isfinite(residual)], weights, len(_SECTORS))
-        for weights in (residual[np.isfinite(residual)], None)
-    )
+    known = np.isfinite(residual)
+    counts = np.bincount(sector[known], minlength=len(_SECTORS))
     with np.errstate(invalid="ignore"):
-        return np.asarray(sums / counts)
+        return np.bincount(sector[known], residual[known], len(_SECTORS)) / counts
 
 
 def summary(flight: MagneticFlight, found: Calibration) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from isogal.errors import InputError
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.ensemble import Curve, rms_figure
+from isogal.evaluation.figures.errors import Curve, rms_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.evaluation.results import read_object
 from isogal.files import Json
@@ -15,13 +15,12 @@ from isogal.files import Json
 FILES = ("results.json", "summary.json")
 """What `isogal montecarlo` and `isogal run` write."""
 _LINES = (
-    style.Line(style.BLUE, "-", 1.5),
-    style.Line(style.VERMILION, (0, (5, 2)), 1.5),
-    style.Line(style.GREEN, (0, (5, 1.5, 1, 1.5)), 1.5),
+    *style.SERIES,
     style.Line(style.PURPLE, (0, (1, 1)), 1.7),
     style.Line(style.ORANGE, "-", 1.0),
     style.Line(style.SKY, (0, (5, 2)), 1.0),
 )
+_UNAIDED = style.Line("0.5", (0, (1, 1.2)))
 _MERITS = {
     "runs": "runs",
     "mean position error (m)": "position_error.mean",
@@ -120,9 +119,6 @@ def write_comparison(out_dir: Path, results: dict[str, Document]) -> Path:
         tables.append(Table("What differs in the scenarios.", ("key", *results), changed))
     title = f"{len(results)} runs side by side"
     return write_report(out_dir, title, [Section("Errors", (), pictures)], tables)
-
-
-_UNAIDED = style.Line("0.5", (0, (1, 1.2)))
 
 
 def _file_of(source: Path) -> Path:

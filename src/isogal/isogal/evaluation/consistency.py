@@ -29,10 +29,8 @@ def nees_per_axis(error: ArrayLike, covariance: ArrayLike) -> Array:
         e' P^-1 e / n; NaN where error or covariance is not finite, infinite where the covariance
         is not positive definite (no estimator can be that certain).
     """
-    error, covariance = (
-        np.asarray(error, dtype=np.float64),
-        np.asarray(covariance, dtype=np.float64),
-    )
+    error = np.asarray(error, dtype=np.float64)
+    covariance = np.asarray(covariance, dtype=np.float64)
     axes = error.shape[-1]
     shape = np.broadcast_shapes(error.shape[:-1], covariance.shape[:-2])
     error = np.broadcast_to(error, (*shape, axes)).reshape(-1, axes)

@@ -56,11 +56,8 @@ def divide(trajectory: Trajectory, steps_per_scan: int) -> Segments:
     def middle(values: Array) -> Array:
         return 0.5 * (values[ends[:-1]] + values[ends[1:]])
 
-    latitude, velocity, height = (
-        middle(trajectory.latitude),
-        middle(trajectory.velocity),
-        middle(trajectory.height),
-    )
+    every = trajectory.latitude, trajectory.velocity, trajectory.height
+    latitude, velocity, height = map(middle, every)
     rotation = middle(matrix(trajectory.attitude))
 
     def mean(values: Array) -> Array:
@@ -103,15 +100,11 @@ def ageing(segments: Segments, states: Sequence[AuxiliaryState]) -> tuple[Array,
         steady variance P.
     """
     distance = np.hypot(segments.geometry[:, 1], segments.geometry[:, 2]) * segments.dt
-    correlation = np.empty((len(distance), len(states)))
-    half_noise = np.empty_like(correlation)
-    for j, state in enumerate(states):
-        c = np.exp(-segments.dt / state.time - distance / state.length)
-        correlation[:, j] = c
-        half_noise[:, j] = (
-            state.sigma**2 * (1.0 - c**2) / (1.0 + c**2) + 0.5 * state.walk**2 * segments.dt
-        )
-    return correlation, half_noise
+    time, length, sigma, walk = np.array(
+        [(one.time, one.length, one.sigma, one.walk) for one in states]
+    ).T.reshape(4, -1)
+    c = np.exp(-segments.dt / time - distance[:, None] / length)
+    return c, sigma**2 * (1.0 - c**2) / (1.0 + c**2) + 0.5 * walk**2 * segments.dt
 
 
 def transitions(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.evaluation.records import Runs
-from isogal.evaluation.results import Alerts, Events, IntegritySummary, finite
+from isogal.evaluation.results import Summary, finite
 from isogal.fusion.protection_level import HOUR, axes, protection_level
 from isogal.scenario import Integrity
 
@@ -47,7 +47,7 @@ class Rate:
         low, high = self.interval
         return "rarer" if high < allowed else "more often" if low > allowed else "consistent"
 
-    def figures(self) -> Events:
+    def figures(self) -> Summary:
         """Return count, rate and interval."""
         return {"events": self.events, "rate": self.per_hour, "interval": list(self.interval)}
 
@@ -75,9 +75,11 @@ def rate_of(outside: Booleans, runs: Runs, settings: Integrity) -> Rate:
     return Rate(int(count), hours(runs))
 
 
-def integrity(runs: Runs, settings: Integrity) -> IntegritySummary:
-    """Return `integrity` of results.json, with the exceedances of the level at each of `RISKS` and
-    at the scenario's own risk."""
+def integrity(runs: Runs, settings: Integrity) -> Summary:
+    """Return `integrity` of results.json: the error's correlation time as assumed and as measured,
+    the median level over states and runs, also in 1-sigmas along the major axis, the exceedances
+    of the level at each of `RISKS` and at the scenario's own risk, and where there is an alert
+    limit how often the level is within and the error beyond it."""
     level = level_of(runs, settings)
     rates = {risk: exceedances(runs, settings, risk) for risk in (*RISKS, settings.risk)}
     return {
@@ -105,7 +107,7 @@ def exceedances(runs: Runs, settings: Integrity, risk: float) -> Rate:
     return rate_of(outside, runs, settings)
 
 
-def _alerts(runs: Runs, settings: Integrity, level: Array) -> Alerts | None:
+def _alerts(runs: Runs, settings: Integrity, level: Array) -> Summary | None:
     limit = settings.alert_limit
     if limit is None:
         return None

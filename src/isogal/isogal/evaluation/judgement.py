@@ -58,9 +58,7 @@ def _beyond_claim(runs: Runs) -> Booleans:
     an error that is not finite counts as outside."""
     squared = 2.0 * nees_per_axis(runs.error, runs.covariance)
     outside = ~(squared <= CLAIMED_SIGMAS**2)
-    since = np.full(len(runs), np.nan)  # when the present stretch began; NaN = inside
-    found = np.zeros(len(runs), dtype=np.bool_)
-    for k, now in enumerate(runs.elapsed):
-        since = np.where(outside[:, k], np.where(np.isnan(since), now, since), np.nan)
-        found |= now - since >= CLAIM_WINDOW
-    return found
+    states = np.arange(runs.time.size)
+    inside = np.maximum.accumulate(np.where(outside, -1, states), axis=1)  # the last one
+    begun = runs.elapsed[np.minimum(inside + 1, states[-1])]
+    return (outside & (runs.elapsed - begun >= CLAIM_WINDOW)).any(axis=1)

@@ -132,6 +132,16 @@ class Runs:
         return cast(Array, np.hypot(self.unaided_error[..., 0], self.unaided_error[..., 1]))
 
     @property
+    def rms(self) -> Array:
+        """(K,) m, of the aided navigators' distances over the runs."""
+        return np.sqrt(np.mean(self.horizontal_error**2, axis=0))
+
+    @property
+    def unaided_rms(self) -> Array:
+        """(K,) m, of the unaided navigators' distances over the runs."""
+        return np.sqrt(np.mean(self.unaided_horizontal_error**2, axis=0))
+
+    @property
     def published(self) -> Booleans:
         """(R, B) whether the batch gave a fix that the navigator used."""
         return np.asarray(self.fix_status == Status.FIX.value)

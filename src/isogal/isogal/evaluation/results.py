@@ -1,11 +1,10 @@
-"""What `results.json` and `summary.json` hold, and JSON as these files have it: figures of merit
-of a set of runs. Lengths in m, times in s; None = not known."""
+"""JSON as `results.json` and `summary.json` have it: None = not known."""
 
 import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NotRequired, TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -13,110 +12,8 @@ from isogal.errors import InputError
 from isogal.files import Json, reading, write_atomic
 
 Number = float | None
-
-
-class Nees(TypedDict):
-    """NEES per axis, with the chi-square interval of a consistent navigator's mean, for as many
-    independent values as these are worth (docs/mathematics.md, section 11.3)."""
-
-    mean: Number
-    interval: list[Number]
-
-
-class Judgement(TypedDict):
-    """Share of the runs that are good or let their user down, and indices of the latter, by kind
-    (`isogal.evaluation.judgement`)."""
-
-    share: dict[str, float]
-    runs: dict[str, list[int]]
-
-
-class Events(TypedDict):
-    """How often something happened: count, rate per hour and its Poisson interval of 95 %."""
-
-    events: int
-    rate: float
-    interval: list[float]
-
-
-class Exceedance(Events):
-    """Of the protection level at a risk per hour; verdict: rarer, consistent or more often."""
-
-    risk: float
-    verdict: str
-
-
-class Alerts(TypedDict):
-    """Share of states whose level is within the alert limit, and how often the error is beyond it
-    while the level is within."""
-
-    limit: float
-    available: float
-    hazardous: Events
-
-
-class IntegritySummary(TypedDict):
-    """What was promised of the errors, at a risk per hour."""
-
-    risk: float
-    run_hours: float
-    correlation_time: dict[str, Number]
-    """Of the error: assumed, and measured in these runs."""
-    level: dict[str, Number]
-    """Median over states and runs, and that in 1-sigmas along the major axis."""
-    exceedances: list[Exceedance]
-    alert_limit: Alerts | None
-
-
-class SmoothedSummary(TypedDict):
-    """What all data of a voyage say of each of its states (`montecarlo --smooth`)."""
-
-    position_error: dict[str, Number]
-    nees_per_axis: Nees
-    """At every recorded state."""
-    bound: dict[str, Number]
-    """Of one that knows all readings."""
-    ratio: Number
-    """RMS error over RMS bound, whole run."""
-    of_causal: Number
-    """RMS error over that of the navigator at the time."""
-    rms_over_time: dict[str, list[Number]]
-
-
-class Recording(TypedDict):
-    """What is missing in the recording that the figures are of."""
-
-    gaps: list[list[float]]
-    """From when to when nothing was recorded, s."""
-
-
-class Summary(TypedDict):
-    """The whole document."""
-
-    scenario: dict[str, Json]
-    matcher: str
-    runs: int
-    diverged: int
-    position_error: dict[str, Number]
-    """Horizontal: mean and RMS over time and runs, both also after the first hour."""
-    unaided: dict[str, Number]
-    bound: dict[str, Number]
-    nees_per_axis: Nees
-    """Of the navigator right after the published fixes."""
-    nees_all_scans: Nees
-    """At every recorded state but the start."""
-    judgement: Judgement
-    integrity: IntegritySummary
-    fixes: dict[str, int]
-    """Batches that gave a fix, and that did not; of these, on which the matcher has failed, and
-    whose fix the navigator rejected."""
-    time: dict[str, Number]
-    """That all took, and a fix."""
-    rms_over_time: dict[str, list[Number]]
-    smoothed: NotRequired[SmoothedSummary]
-    """Where the runs were smoothed."""
-    recording: NotRequired[Recording]
-    """Where there is one: of a run of the nodes."""
+Summary = dict[str, Any]
+"""What `isogal.evaluation.summary.summarise` returns, and its sections."""
 
 
 def finite(value: float) -> Number:

@@ -10,15 +10,18 @@ from typing import TYPE_CHECKING
 import yaml
 
 from isogal.evaluation.bound import BoundResult
-from isogal.evaluation.figures.ensemble import ensemble_figure
-from isogal.evaluation.figures.errors import error_figure, nees_figure
+from isogal.evaluation.figures.errors import (
+    ensemble_figure,
+    error_figure,
+    nees_figure,
+    stanford_figure,
+)
 from isogal.evaluation.figures.signal import signal_figure
-from isogal.evaluation.figures.stanford import stanford_figure
 from isogal.evaluation.figures.track import track_figure
 from isogal.evaluation.html_report import Illustration, Section, Table, number, write_report
 from isogal.evaluation.judgement import KINDS
 from isogal.evaluation.records import Runs
-from isogal.evaluation.results import IntegritySummary, Number, Summary
+from isogal.evaluation.results import Number, Summary
 from isogal.fields.measured import reading_sigma
 from isogal.files import Json
 from isogal.maps.channels import channels_of
@@ -60,16 +63,21 @@ def run_report(
     Path
         Of the page.
     """
-    many, shown = len(runs) > 1, assumed.each_field[0]
+    fields = list(zip(assumed.each_field, each_map(field_map), strict=True))
+    shown, its_map = fields[0][0], channels_of(first_map(field_map))[0]
     sections = [
-        _accuracy(runs, bound, many),
+        _accuracy(runs, bound),
         _integrity(runs, assumed.integrity, summary["integrity"]),
-        *_single(runs, reading_sigma(shown), channels_of(first_map(field_map))[0], many),
+        *_of_first_run(runs, reading_sigma(shown), its_map),
         _declined(runs),
         _scenario(summary["scenario"], assumed.field_names[0], field_map),
     ]
-    what = f"{len(runs)} runs" if many else "Run"
-    title = f"{what}: {' and '.join(_measured(assumed, field_map))}"
+    measured = " and ".join(
+        f"{one.measured_field} matching, sigma {f'{reading_sigma(one):g}'.replace('e-0', 'e-')}"
+        f" {of_field.unit}"
+        for one, of_field in fields
+    )
+    title = f"{len(runs)} runs: {measured}" if len(runs) > 1 else f"Run: {measured}"
     return write_report(
         out_dir, title, sections, [key_figures(summary)], subtitle_of(runs, assumed)
     )
@@ -83,15 +91,6 @@ def subtitle_of(runs: Runs, assumed: Assumed) -> str:
         f" {assumed.imu.grade.replace('_', ' ')} inertial sensors, seed {assumed.seed},"
         f" {runs.elapsed[-1] / 3600:.2f} h"
     )
-
-
-def _measured(assumed: Assumed, field_map: "RunMap") -> list[str]:
-    """Return each field, with its noise."""
-    found = []
-    for one, its_map in zip(assumed.each_field, each_map(field_map), strict=True):
-        sigma = f"{reading_sigma(one):g}".replace("e-0", "e-")
-        found.append(f"{one.measured_field} matching, sigma {sigma} {its_map.unit}")
-    return found
 
 
 def _scenario(document: dict[str, Json], first: str, field_map: "RunMap") -> Section:
@@ -111,86 +110,85 @@ def _scenario(document: dict[str, Json], first: str, field_map: "RunMap") -> Sec
 
 def key_figures(summary: Summary) -> Table:
     """Return the table of the figures of merit, given `summarise` of runs."""
-    error, bound = summary["position_error"], summary["bound"]
     nees, fixes, time = summary["nees_per_axis"], summary["fixes"], summary["time"]
-    level = summary["integrity"]
+    level, error = summary["integrity"]["level"], summary["position_error"]
     interval = "" if None in nees["interval"] else f"; {_interval(nees['interval'])}"
+    risk, runs = summary["integrity"]["risk"], summary["judgement"]["runs"]
     rows = [
-        ("Mean position error (m)", number(error["mean"]), number(error["mean_after_1h"])),
-        *_against_bound("", error, "Posterior Cramér–Rao bound, RMS (m)", bound),
-        *_of_smoothed(summary),
-        ("Unaided INS, mean (m)", number(summary["unaided"]["mean"]), ""),
-        ("Unaided INS, RMS (m)", number(summary["unaided"]["rms"]), ""),
-        (f"NEES per axis (1 is right{interval})", number(nees["mean"]), ""),
-        ("NEES per axis at all scans", number(summary["nees_all_scans"]["mean"]), ""),
+        _both("Mean position error (m)", error, "mean"),
+        *_against_bound("", summary, "Posterior Cramér–Rao bound, RMS (m)"),
+    ]
+    if "smoothed" in summary:
+        smoothed = summary["smoothed"]
+        later = _ratio(smoothed["position_error"]["rms_after_1h"], error["rms_after_1h"])
+        of_smoothed = smoothed["nees_per_axis"]
+        name = f"Smoothed: NEES per axis ({_interval(of_smoothed['interval'])})"
+        rows += [
+            *_against_bound("Smoothed: ", smoothed, "Smoothed: bound, RMS (m)"),
+            ("Smoothed: RMS error over that of the time", number(smoothed["of_causal"]), later),
+            (name, number(of_smoothed["mean"])),
+        ]
+    rows += [
+        ("Unaided INS, mean (m)", number(summary["unaided"]["mean"])),
+        ("Unaided INS, RMS (m)", number(summary["unaided"]["rms"])),
+        (f"NEES per axis (1 is right{interval})", number(nees["mean"])),
+        ("NEES per axis at all scans", number(summary["nees_all_scans"]["mean"])),
         *(
-            (f"Runs {text}", f"{len(summary['judgement']['runs'][kind])} of {summary['runs']}", "")
+            (f"Runs {text}", f"{len(runs[kind])} of {summary['runs']}")
             for kind, text in KINDS.items()
         ),
         (
-            f"Protection level, {level['risk']:g} per hour (m; in sigmas)",
-            f"{number(level['level']['median'])}; {number(level['level']['median_sigmas'])}",
-            "",
+            f"Protection level, {risk:g} per hour (m; in sigmas)",
+            f"{number(level['median'])}; {number(level['median_sigmas'])}",
         ),
-        ("Fixes published / declined", f"{fixes['published']} / {fixes['declined']}", ""),
-        ("Batches on which the matcher failed", str(fixes["failed"]), ""),
-        ("Fixes that the navigator rejected", str(fixes["rejected"]), ""),
-        ("Computing time of a fix, median (ms)", number(time["fix_ms_median"]), ""),
-        ("Wall time (s)", number(time["wall_s"]), ""),
+        ("Fixes published / declined", f"{fixes['published']} / {fixes['declined']}"),
+        ("Batches on which the matcher failed", str(fixes["failed"])),
+        ("Fixes that the navigator rejected", str(fixes["rejected"])),
+        ("Computing time of a fix, median (ms)", number(time["fix_ms_median"])),
+        ("Wall time (s)", number(time["wall_s"])),
     ]
-    filled = [(name, whole, later or number(None)) for name, whole, later in rows]
+    filled = [(*row, number(None))[:3] for row in rows]
     return Table("Key figures.", ("", "whole run", "after the first hour"), filled)
 
 
-def _of_smoothed(summary: Summary) -> list[tuple[str, str, str]]:
-    """Return the rows of the key figures about smoothed states; none where there are none."""
-    if "smoothed" not in summary:
-        return []
-    found = summary["smoothed"]
-    error, nees = found["position_error"], found["nees_per_axis"]
-    causal = _ratio(error["rms_after_1h"], summary["position_error"]["rms_after_1h"])
-    return [
-        *_against_bound("Smoothed: ", error, "Smoothed: bound, RMS (m)", found["bound"]),
-        ("Smoothed: RMS error over that of the time", number(found["of_causal"]), causal),
-        (f"Smoothed: NEES per axis ({_interval(nees['interval'])})", number(nees["mean"]), ""),
-    ]
-
-
 def _interval(ends: Sequence[Number]) -> str:
-    return f"95 % interval {' to '.join(number(end) for end in ends)}"
+    return f"95 % interval {' to '.join(map(number, ends))}"
 
 
-def _against_bound(
-    whose: str, error: dict[str, Number], name: str, bound: dict[str, Number]
-) -> list[tuple[str, str, str]]:
-    """Return the rows of an RMS error, its bound, which has a name, and the ratio of both."""
-    times = "rms", "rms_after_1h"
-    first, later = (_ratio(error[time], bound[time]) for time in times)
+def _both(name: str, values: Summary, key: str) -> tuple[str, ...]:
+    """Return a row of a figure of the whole run and of the time after the first hour."""
+    return name, number(values[key]), number(values[f"{key}_after_1h"])
+
+
+def _against_bound(whose: str, found: Summary, bound: str) -> list[tuple[str, ...]]:
+    """Return the rows of the RMS error of a summary or of its section, the bound, which has a
+    name, and the ratio of both."""
+    error, least = found["position_error"], found["bound"]
+    ratios = [_ratio(error[key], least[key]) for key in ("rms", "rms_after_1h")]
     return [
-        (f"{whose}RMS position error (m)", number(error["rms"]), number(error["rms_after_1h"])),
-        (name, number(bound["rms"]), number(bound["rms_after_1h"])),
-        (f"{whose}RMS error over bound", first, later),
+        _both(f"{whose}RMS position error (m)", error, "rms"),
+        _both(bound, least, "rms"),
+        (f"{whose}RMS error over bound", *ratios),
     ]
 
 
 def _ratio(value: float | None, reference: float | None) -> str:
-    return "–" if not value or not reference else number(value / reference)
+    return number(value / reference if value and reference else None)
 
 
-def _accuracy(runs: Runs, bound: BoundResult, many: bool) -> Section:
+def _accuracy(runs: Runs, bound: BoundResult) -> Section:
     time = runs.elapsed + bound.time[0]
     later = None if bound.smoothed is None else bound.smoothed_rms_at(time)
+    whose, below = "RMS over the runs", ""
+    if len(runs) == 1:
+        whose = "Of one run"
+        below = ": a single run may lie below it at times, and does where its error changes sign"
     caption = (
-        f"{'RMS over the runs' if many else 'Of one run'}: horizontal position error of the aided"
-        " and of the unaided navigator, and the posterior Cramér–Rao bound, which is an RMS over"
-        " many runs"
+        f"{whose}: horizontal position error of the aided and of the unaided navigator, and the"
+        f" posterior Cramér–Rao bound, which is an RMS over many runs{below}."
     )
-    if not many:
-        caption += (
-            ": a single run may lie below it at times, and does where its error changes sign"
-        )
     figure = ensemble_figure(runs, bound.rms_at(time), later)
-    pictures = [Illustration("position_error", figure, f"{caption}.")]
+    pictures = [Illustration("position_error", figure, caption)]
     if runs.published.any():
         caption = (
             "Normalised estimation error squared of the navigator right after each fix. Values"
@@ -200,7 +198,7 @@ def _accuracy(runs: Runs, bound: BoundResult, many: bool) -> Section:
     return Section("Accuracy and consistency", illustrations=pictures)
 
 
-def _integrity(runs: Runs, settings: Integrity, found: IntegritySummary) -> Section:
+def _integrity(runs: Runs, settings: Integrity, found: Summary) -> Section:
     """Return the section of the Stanford diagram and the table of exceedances, given `integrity`
     of the summary."""
     caption = (
@@ -213,68 +211,54 @@ def _integrity(runs: Runs, settings: Integrity, found: IntegritySummary) -> Sect
             " it while the level is within."
         )
     time = found["correlation_time"]
-    measured = number(time["measured"])
     text = (
         f"Events in {number(found['run_hours'])} h: states above the level that are at most"
         f" {time['assumed']:g} s apart, the assumed correlation time of the error (measured in"
-        f" these runs: {measured} s), are one event."
+        f" these runs: {number(time['measured'])} s), are one event."
     )
-    figure = stanford_figure(runs, settings)
-    return Section(
-        "Integrity",
-        [text],
-        illustrations=[Illustration("stanford", figure, caption)],
-        tables=[exceedance_table(found)],
-    )
+    picture = Illustration("stanford", stanford_figure(runs, settings), caption)
+    return Section("Integrity", [text], [picture], [exceedance_table(found)])
 
 
-def exceedance_table(found: IntegritySummary) -> Table:
+def exceedance_table(found: Summary) -> Table:
     """Return the table of exceedances of `integrity`."""
+    every = [(f"{it['risk']:g}", it, it["verdict"]) for it in found["exceedances"]]
+    if (alerts := found["alert_limit"]) is not None:
+        what = f"error beyond {alerts['limit']:g} m, level within"
+        every.append((what, alerts["hazardous"], ""))
     rows = [
         (
-            f"{it['risk']:g}",
+            name,
             str(it["events"]),
             number(it["rate"]),
-            " to ".join(number(end) for end in it["interval"]),
-            it["verdict"],
+            " to ".join(map(number, it["interval"])),
+            rest,
         )
-        for it in found["exceedances"]
+        for name, it, rest in every
     ]
-    alerts = found["alert_limit"]
-    if alerts is not None:
-        it = alerts["hazardous"]
-        what = f"error beyond {alerts['limit']:g} m, level within"
-        interval = " to ".join(number(end) for end in it["interval"])
-        rows.append((what, str(it["events"]), number(it["rate"]), interval, ""))
     header = ("allowed per hour", "events", "per hour", "95 % interval", "")
     return Table("How often the error exceeded the protection level.", header, rows)
 
 
-def _single(runs: Runs, sigma: float, field_map: "ScalarMap", many: bool) -> list[Section]:
+def _of_first_run(runs: Runs, sigma: float, field_map: "ScalarMap") -> list[Section]:
+    heading = "Track and errors" + (" of the first run" if len(runs) > 1 else "")
+    track = "The track on the map, the unaided navigator and the fixes."
+    errors = (
+        "North and east error with the 3-sigma band that the navigator claims. Fixes are shown"
+        " with 1-sigma bars of the measurements alone."
+    )
     pictures = [
-        Illustration(
-            "track",
-            track_figure(runs, field_map),
-            "The track on the map, the unaided navigator and the fixes.",
-        ),
-        Illustration(
-            "north_east_error",
-            error_figure(runs),
-            "North and east error with the 3-sigma band that the navigator claims. Fixes are shown"
-            " with 1-sigma bars of the measurements alone.",
-        ),
+        Illustration("track", track_figure(runs, field_map), track),
+        Illustration("north_east_error", error_figure(runs), errors),
     ]
-    sections = [
-        Section("Track and errors" + (" of the first run" if many else ""), illustrations=pictures)
-    ]
+    sections = [Section(heading, illustrations=pictures)]
     if runs.detail is not None:
-        measured = signal_figure(runs, field_map, sigma)
         caption = (
             "Reduced readings and the map's values. Slow differences to the map at the true"
             " position come from the reduction with the navigator's wrong velocity, and from the"
             " map's error where it has one."
         )
-        picture = Illustration("measured", measured, caption)
+        picture = Illustration("measured", signal_figure(runs, field_map, sigma), caption)
         sections.append(Section("What the sensor saw", illustrations=[picture]))
     return sections
 
@@ -289,6 +273,5 @@ def _declined(runs: Runs) -> Section:
         return Section("Fixes", ["Every batch gave a fix."])
     ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     rows = [(reason, str(count)) for reason, count in ordered]
-    return Section(
-        "Fixes", tables=[Table("Why batches gave no fix.", ("reason", "batches"), rows)]
-    )
+    table = Table("Why batches gave no fix.", ("reason", "batches"), rows)
+    return Section("Fixes", tables=[table])

@@ -1,4 +1,13 @@
-"""The figures of merit of a set of runs."""
+"""The figures of merit of a set of runs: what `results.json` holds, m, s.
+
+`position_error` is horizontal, a mean and RMS over time and runs, both also after the first hour.
+`nees_per_axis` is that of the navigator right after the published fixes, with the chi-square
+interval of a consistent navigator's mean (docs/mathematics.md, section 11.3); `nees_all_scans` at
+every recorded state but the start. `judgement` has the share of runs of each kind, and their
+indices. `fixes` counts batches that gave a fix and that did not; of these, on which the matcher
+has failed, and whose fix the navigator rejected. `smoothed` is there where the runs were smoothed:
+its `bound` is of one that knows all readings, `ratio` the RMS error over it, `of_causal` over the
+RMS error of the navigator at the time."""
 
 import math
 from collections import Counter
@@ -11,7 +20,7 @@ from isogal.evaluation.consistency import mean_nees, nees_per_axis
 from isogal.evaluation.integrity import integrity
 from isogal.evaluation.judgement import KINDS, SETTLED_AFTER, judge
 from isogal.evaluation.records import Runs
-from isogal.evaluation.results import Nees, Number, SmoothedSummary, Summary, finite
+from isogal.evaluation.results import Number, Summary, finite
 from isogal.fix import Status
 from isogal.scenario import Settings
 
@@ -51,7 +60,7 @@ def summarise(
     settled, astray = runs.elapsed > SETTLED_AFTER, diverged(runs)
     judgement = judge(runs, astray)
     recorded = unaided[np.isfinite(unaided)]  # a recording may have gaps
-    summary: Summary = {
+    summary = {
         "scenario": settings.model_dump(mode="json"),
         "matcher": settings.matcher.name,
         "runs": len(runs),
@@ -71,14 +80,14 @@ def summarise(
             "wall_s": finite(wall_seconds),
             "fix_ms_median": finite(1e3 * _median(runs.fix_seconds)),
         },
-        "rms_over_time": _rms_over_time(runs, bound_rms, aided=aided, unaided=unaided),
+        "rms_over_time": _rms_over_time(runs, bound_rms, aided=runs.rms, unaided=runs.unaided_rms),
     }
     if runs.smoothed is not None:
         summary["smoothed"] = _smoothed(runs, runs.smoothed, smoothed_bound_rms)
     return summary
 
 
-def _smoothed(runs: Runs, states: Runs, known: Array | None) -> SmoothedSummary:
+def _smoothed(runs: Runs, states: Runs, known: Array | None) -> Summary:
     """Return the section of smoothed states, with the RMS bound (K,), m, if it is known."""
     bound_rms = np.full(runs.time.shape, np.nan) if known is None else known
     error = states.horizontal_error
@@ -90,7 +99,7 @@ def _smoothed(runs: Runs, states: Runs, known: Array | None) -> SmoothedSummary:
         "bound": {"rms": bound, "rms_after_1h": _rms(bound_rms[settled])},
         "ratio": rms / bound if rms is not None and bound else None,
         "of_causal": rms / causal if rms is not None and causal else None,
-        "rms_over_time": _rms_over_time(runs, bound_rms, smoothed=error),
+        "rms_over_time": _rms_over_time(runs, bound_rms, smoothed=states.rms),
     }
 
 
@@ -103,7 +112,7 @@ def _position_error(error: Array, settled: Booleans) -> dict[str, Number]:
     }
 
 
-def _nees(values: Array) -> Nees:
+def _nees(values: Array) -> Summary:
     mean, interval = mean_nees(values)
     return {"mean": finite(mean), "interval": [finite(end) for end in interval]}
 
@@ -119,11 +128,10 @@ def _fixes(runs: Runs) -> dict[str, int]:
     }
 
 
-def _rms_over_time(runs: Runs, bound_rms: Array, **errors: Array) -> dict[str, list[Number]]:
-    """Return the RMS over runs of errors (R, K), by name, and the bound over time."""
+def _rms_over_time(runs: Runs, bound_rms: Array, **rms: Array) -> dict[str, list[Number]]:
+    """Return RMS errors (K,) over runs, by name, and the bound over time."""
     step = float(np.median(np.diff(runs.time))) if runs.time.size > 1 else OVER_TIME_STEP
     entries = slice(None, None, max(1, round(OVER_TIME_STEP / step)))
-    rms = {name: np.sqrt(np.mean(error**2, axis=0)) for name, error in errors.items()}
     columns = {"time": runs.elapsed, **rms, "bound": bound_rms}
     return {
         name: [finite(value) for value in column[entries].tolist()]

@@ -34,12 +34,6 @@ class Case:
     """Whether the states of each run are smoothed, too."""
 
     @cached_property
-    def duration(self) -> float:
-        """Simulated time of a run, s; raises InputError where the route is shorter than the
-        scenario asks for."""
-        return float(build_trajectory(self.scenario).time[-1])
-
-    @cached_property
     def key(self) -> str:
         """Hash of everything that the runs' numbers depend on: scenario, map, recorded track and
         readings, and the library's source."""

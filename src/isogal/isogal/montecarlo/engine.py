@@ -38,9 +38,6 @@ from isogal.sensors.ins_solution import said, unaided_solution
 from isogal.sensors.simulated_aids import simulate_aids
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
-Revised = Callable[[int, Integers, Array], None]
-"""Called with a run's place in the list of runs, the indices of past states that retrodiction has
-changed, and their track (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
 Finished = Callable[[int, Navigator], None]
 """Called with a run's place in the list of runs, and its navigator at the end, with its whole
 history."""
@@ -53,7 +50,6 @@ def simulate(
     runs: Sequence[int],
     field_map: RunMap | None = None,
     matcher: Matcher | None = None,
-    revised: Revised | None = None,
     *,
     lag: float = 0.0,
     finished: Finished | None = None,
@@ -69,14 +65,12 @@ def simulate(
         Default: the scenario's.
     matcher : Matcher, optional
         Default: the scenario's.
-    revised : callable, optional
-        Called with past states that retrodiction corrects; the record keeps the navigator's
-        estimates of the time.
     lag : float
         Record besides what all data until so much later say of each state, s; infinite = all data
         of the run, 0 = nothing.
     finished : callable, optional
-        Called with each navigator at the end of its run, with its whole history.
+        Called with each navigator at the end of its run, with its whole history as later fixes
+        have left it; the record has the estimates of the time.
 
     Raises
     ------
@@ -90,39 +84,38 @@ def simulate(
     matcher = matcher or build_run_matcher(scenario)
     whole = finished is not None
     simulation = Simulation(scenario, runs, trajectory, field_map, lag=lag, whole=whole)
-    recorder = Recorder(trajectory, simulation.index, simulation.ends, len(runs))
+    recorder = Recorder(trajectory, simulation.index, simulation.ends, len(runs), lag > 0.0)
     for run in range(len(runs)):
-        navigator = _navigated(simulation, run, matcher, recorder, revised)
+        navigator = _navigated(simulation, run, matcher, recorder)
         if finished is not None:
             finished(run, navigator)
     return recorder.record(simulation.unaided, first_map(field_map))
 
 
 def _navigated(
-    simulation: "Simulation",
-    run: int,
-    matcher: Matcher,
-    recorder: Recorder,
-    revised: Revised | None,
+    simulation: "Simulation", run: int, matcher: Matcher, recorder: Recorder
 ) -> Navigator:
     """Navigate a run, by its place, from start to end, and record it; return its navigator."""
-    navigator = simulation.navigator(run, matcher)
-    start = simulation.trajectory.time[:1]
-    recorder.write_track(run, 0, navigator.inertial.track(start))
-    aids = simulation.measurements(run)
-    for batch, (before, scan) in enumerate(pairwise(simulation.stops)):
+    navigator, time = simulation.navigator(run, matcher), simulation.time
+    recorder.write_track(run, 0, navigator.inertial.track(time[:1]))
+    aids, smoothed = simulation.measurements(run), 0
+    stops = sorted({0, *simulation.ends.tolist(), simulation.scans})
+    for batch, (before, scan) in enumerate(pairwise(stops)):
         for begin, end in pairwise(range(before, scan + 1, simulation.at_once(before, scan))):
             simulation.advance(navigator, run, begin, end, aids)
-            recorder.write_track(run, begin + 1, simulation.track(navigator, begin, end))
+            track = navigator.inertial.track(time[begin + 1 : end + 1])
+            recorder.write_track(run, begin + 1, track)
             simulation.read(navigator, run, begin, end, recorder)
         applied = navigator.fix()
         if applied is not None:
             recorder.write_fix(run, batch, applied)
             recorder.write_track(run, scan, track_row(navigator.state)[None])
-            if revised is not None and applied.innovations:
-                scans = np.arange(before + 1, scan + 1)
-                revised(run, scans, simulation.track(navigator, before, scan))
-        simulation.look_back(navigator, run, scan, recorder)
+        if simulation.lag > 0.0:  # states that are a lag old, at the end all that are left
+            old = np.searchsorted(time, navigator.time - simulation.lag + 1e-6)
+            last = len(time) if scan == simulation.scans else int(old)
+            if last > smoothed:
+                recorder.write_smoothed(run, smoothed, navigator.smoothed(time[smoothed:last]))
+                smoothed = last
     return navigator
 
 
@@ -140,12 +133,12 @@ class Simulation:
         whole: bool = False,
     ) -> None:
         self.scenario, self.trajectory, self.runs = scenario, trajectory, runs
-        self._lag, self._looked_back = lag, 0
-        """s, and how many states of the run being simulated have been smoothed."""
-        self._whole = whole
+        self.lag, self._whole = lag, whole
         self.index = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
         """IMU intervals before each state that is recorded: the start, then each scan."""
         self.scans = len(self.index) - 1
+        self.time = trajectory.time[self.index]
+        """(S + 1,) s, of these states."""
         truth = scenario.true
         self._delay = max((one.delay for one in truth.aids), default=0.0)
         """By how much measurements may come late, s."""
@@ -198,6 +191,8 @@ class Simulation:
         """Return the navigator of a run, by its place, at its start."""
         start, begin = self._start, float(self.trajectory.time[0])
         estimate = Estimate(start.position[run], start.velocity[run], start.attitude[run])
+        # of a batch, and what comes later still
+        longest = np.diff(self.time[[0, *self.ends, self.scans]]).max() + self._delay
         return Navigator(
             self.scenario,
             self._maps,
@@ -205,33 +200,8 @@ class Simulation:
             begin,
             gravity=self._known,
             matcher=matcher,
-            horizon=math.inf if self._whole else self._lag + self._longest,
+            horizon=math.inf if self._whole else self.lag + float(longest),
         )
-
-    @property
-    def stops(self) -> list[int]:
-        """The start, and the scans at which a batch or a run ends."""
-        return sorted({0, *self.ends.tolist(), self.scans})
-
-    def look_back(self, navigator: Navigator, run: int, scan: int, recorder: Recorder) -> None:
-        """Record the smoothed states of a run that are a lag old at a scan, or at its end all that
-        are left; where there is no lag, none."""
-        if self._lag == 0.0:
-            return
-        at_end = scan == self.scans
-        states = self.trajectory.time[self.index]
-        first = self._looked_back
-        old = np.searchsorted(states, navigator.time - self._lag + 1e-6)
-        last = len(states) if at_end else int(old)
-        if last > first:
-            recorder.write_smoothed(run, first, navigator.smoothed(states[first:last]))
-        self._looked_back = 0 if at_end else last
-
-    @property
-    def _longest(self) -> float:
-        """s from one batch end to the next, at most, and how late satellites are."""
-        batches = np.diff(self._time([0, *self.ends, self.scans]))
-        return float(batches.max()) + self._delay
 
     def measurements(self, run: int) -> Arrivals:
         """Return the readings of aids, with their times (s), by the number of IMU intervals before
@@ -258,7 +228,7 @@ class Simulation:
     ) -> None:
         """Advance the navigator of a run from one scan to another."""
         first, last = self.index[[before, scan]].tolist()
-        stops = [k for k in range(first + 1, last) if k in aids] if aids else []
+        stops = [k for k in range(first + 1, last) if k in aids]
         for begin, end in pairwise([first, *stops, last]):
             stamps = self.trajectory.time[begin + 1 : end + 1]
             navigator.imu(stamps, *self.samples(run, begin, end))
@@ -295,13 +265,6 @@ class Simulation:
             if recorder is not None and field == 0 and run == 0:
                 seen = navigator.inertial.track(time)
                 recorder.write_readings(scans - 1, reduced, seen)
-
-    def track(self, navigator: Navigator, before: int, scan: int) -> Array:
-        """Return the navigator's track at the scans after one and up to another."""
-        return navigator.inertial.track(self._time(range(before + 1, scan + 1)))
-
-    def _time(self, scans: Sequence[int] | Integers) -> Array:
-        return self.trajectory.time[self.index[np.asarray(scans, dtype=np.int64)]]
 
 
 def _readings(

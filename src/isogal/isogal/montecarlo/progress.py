@@ -6,7 +6,13 @@ import time
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from isogal.montecarlo.cases import Job
 
@@ -15,7 +21,7 @@ LINE_EVERY = 15.0
 
 
 class LiveProgress(Progress):
-    """Shows how many runs are done, how fast, and how long the rest will take; use as a context.
+    """Shows how many runs are there, and how long the rest will take; use as a context.
 
     Parameters
     ----------
@@ -27,48 +33,36 @@ class LiveProgress(Progress):
         super().__init__(
             "{task.description}",
             BarColumn(),
-            "{task.fields[runs]} {task.fields[speed]}",
+            MofNCompleteColumn(),
+            "runs",
             TimeElapsedColumn(),
             "left",
-            TimeRemainingColumn(elapsed_when_finished=False),
+            TimeRemainingColumn(),
             console=Console(stderr=True),
             transient=True,
             disable=not sys.stderr.isatty(),
         )
-        self.what = what
-        self._total = self._done = 0.0
-        self._runs = self._kept = 0
-        self._start = self._last = time.monotonic()
-        self._task = self.add_task(what, runs="", speed="")
+        self._task = self.add_task(what)
+        self._kept, self._begun, self._said = 0, 0.0, 0.0
 
     def begin(self, todo: Sequence[Job], kept: int) -> None:
         """Take note of the runs to compute, and of how many runs were there already."""
-        self._start = self._last = time.monotonic()
-        self._total = sum(job.case.duration for job in todo)
-        self._runs = kept + len(todo)
-        self._kept = kept
-        self._done = 0.0
+        self._kept, self._begun = kept, time.monotonic()
+        self._said = self._begun
         if kept and todo:
-            self.say(f"{kept} of {self._runs} runs are there already")
-        self.reset(self._task, total=self._total)
-        self._show()
+            self.say(f"{kept} of {kept + len(todo)} runs are there already")
+        self.reset(self._task, total=kept + len(todo), completed=kept)
 
     def computed(self, job: Job) -> None:
         """Take note that a run is computed and kept."""
-        self._done += job.case.duration
-        self._kept += 1
-        self._show()
+        self.advance(self._task)
+        now, (task,) = time.monotonic(), self.tasks
+        if self.disable and now - self._said >= LINE_EVERY:
+            self._said, total = now, task.total or 0.0
+            left = (now - self._begun) * (total - task.completed) / (task.completed - self._kept)
+            runs = f"{task.completed:.0f}/{total:.0f} runs"
+            self.say(f"{task.description}: {runs}, {left:.0f} s left")
 
     def say(self, text: str) -> None:
         """Print a line above the bar."""
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)
-
-    def _show(self) -> None:
-        now = time.monotonic()
-        done, elapsed = self._done, max(now - self._start, 1e-9)
-        runs, speed = f"{self._kept}/{self._runs} runs", f"{done / elapsed:,.0f} x real time"
-        self.update(self._task, completed=done, runs=runs, speed=speed)
-        if self.disable and now - self._last >= LINE_EVERY and done > 0.0:
-            self._last = now
-            left = elapsed * (self._total - done) / done
-            self.say(f"{self.what}: {runs}, {speed}, {left:.0f} s left")

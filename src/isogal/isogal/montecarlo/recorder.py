@@ -28,46 +28,47 @@ class Recorder:
         Indices of the states at which a batch ends, into `index`.
     runs : int
         R.
+    smoothed : bool
+        Whether smoothed states are recorded, too.
     """
 
-    def __init__(self, trajectory: Trajectory, index: Integers, ends: Integers, runs: int) -> None:
+    def __init__(
+        self, trajectory: Trajectory, index: Integers, ends: Integers, runs: int, smoothed: bool
+    ) -> None:
         self.time = trajectory.time[index]
         self.latitude, self.longitude = trajectory.latitude[index], trajectory.longitude[index]
         self.ends = ends
-        scans, batches = len(index) - 1, len(ends)
-        self._error = np.full((runs, scans + 1, 2), np.nan)
-        self._covariance = np.full((runs, scans + 1, 2, 2), np.nan)
-        self._smoothed: tuple[Array, Array] | None = None
-        self._fix_error = np.full((runs, batches, 2), np.nan)
-        self._fix_covariance = np.full((runs, batches, 2, 2), np.nan)
-        self._fix_seconds = np.zeros((runs, batches))
-        self._status = np.full((runs, batches), Status.DECLINED.value, dtype=np.object_)
-        self._reason = np.full((runs, batches), "", dtype=np.object_)
+        states, batches = (runs, len(index)), (runs, len(ends))
+        which = ["", "smoothed_"] if smoothed else [""]
+        self._states = {f"{one}error": np.full((*states, 2), np.nan) for one in which}
+        self._states |= {f"{one}covariance": np.full((*states, 2, 2), np.nan) for one in which}
+        self._fix_error = np.full((*batches, 2), np.nan)
+        self._fix_covariance = np.full((*batches, 2, 2), np.nan)
+        self._fix_seconds = np.zeros(batches)
+        self._status = np.full(batches, Status.DECLINED.value, dtype=np.object_)
+        self._reason = np.full(batches, "no batch: not aligned, or no reading", dtype=np.object_)
         # for the figures of the first run
         self._candidates: list[Candidates | None] = []
-        self._reading = np.full(scans, np.nan)
-        self._seen = np.full((scans, 2), np.nan)
+        self._reading = np.full(len(index) - 1, np.nan)
+        self._seen = np.full((len(index) - 1, 2), np.nan)
 
     def write_track(self, run: int, first: int, track: Array) -> None:
         """Write a run's states from a state on (`isogal.fusion.prediction.TRACK_COLUMNS`)."""
-        which = slice(first, first + len(track))
-        self._error[run, which] = horizontal_difference(
-            track[:, 0], track[:, 1], self.latitude[which], self.longitude[which]
-        )
-        self._covariance[run, which] = track[:, [10, 11, 11, 12]].reshape(-1, 2, 2)
+        self._write("", run, first, track[:, :2], track[:, [10, 11, 11, 12]])
 
     def write_smoothed(self, run: int, first: int, states: Sequence[FilterState]) -> None:
         """Write smoothed states of a run, from a state on."""
-        if self._smoothed is None:
-            arrays = self._error, self._covariance
-            self._smoothed = np.full_like(arrays[0], np.nan), np.full_like(arrays[1], np.nan)
-        which = slice(first, first + len(states))
-        place = np.array([state.position for state in states])
-        error, covariance = self._smoothed
-        error[run, which] = horizontal_difference(
-            place[:, 0], place[:, 1], self.latitude[which], self.longitude[which]
+        places = np.array([state.position[:2] for state in states])
+        covariances = np.array([state.covariance[:2, :2] for state in states])
+        self._write("smoothed_", run, first, places, covariances)
+
+    def _write(self, which: str, run: int, first: int, places: Array, covariance: Array) -> None:
+        here = slice(first, first + len(places))
+        truth = self.latitude[here], self.longitude[here]
+        self._states[f"{which}error"][run, here] = horizontal_difference(
+            places[:, 0], places[:, 1], *truth
         )
-        covariance[run, which] = [state.covariance[:2, :2] for state in states]
+        self._states[f"{which}covariance"][run, here] = covariance.reshape(-1, 2, 2)
 
     def write_readings(self, scans: Integers, readings: Array, track: Array) -> None:
         """Write the first run's readings (K,) or (K, C) of some scans, and its track there."""
@@ -96,20 +97,17 @@ class Recorder:
             time=self.time,
             latitude=self.latitude,
             longitude=self.longitude,
-            error=self._error,
-            covariance=self._covariance,
+            **self._states,
             unaided_error=unaided_error,
             fix_time=self.time[self.ends],
             fix_error=self._fix_error,
             fix_covariance=self._fix_covariance,
             fix_status=self._status.astype(np.str_),
             fix_reason=self._reason.astype(np.str_),
-            posterior_error=self._error[:, self.ends],
-            posterior_covariance=self._covariance[:, self.ends],
+            posterior_error=self._states["error"][:, self.ends],
+            posterior_covariance=self._states["covariance"][:, self.ends],
             fix_seconds=self._fix_seconds,
             detail=self._detail(field_map),
-            smoothed_error=self._smoothed[0] if self._smoothed else None,
-            smoothed_covariance=self._smoothed[1] if self._smoothed else None,
         )
 
     def _detail(self, field_map: RouteMap) -> RunDetail:
@@ -119,6 +117,6 @@ class Recorder:
             scan_time=self.time[1:][used],
             reading=self._reading[used],
             map_value=shown.value(self.latitude[1:][used], self.longitude[1:][used]),
-            map_value_navigator=shown.value(self._seen[used, 0], self._seen[used, 1]),
+            map_value_navigator=shown.value(*self._seen[used].T),
             **RunDetail.flatten(self._candidates),
         )

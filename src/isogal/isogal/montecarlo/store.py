@@ -16,8 +16,6 @@ class Store:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        self.damaged: list[str] = []
-        """Files that were found damaged and removed, a line each."""
 
     def put(self, job: Job, runs: Runs) -> None:
         """Keep a run; its details only where it is run 0, which the figures show."""
@@ -31,18 +29,13 @@ class Store:
         kept.save(file_of(place, job.run))
 
     def missing(self, case: Case) -> list[int]:
-        """Return which runs of a case are not there yet; a damaged file is removed."""
+        """Return which runs of a case are not there yet, or damaged."""
         found = []
         for run in range(case.runs):
-            path = file_of(self.folder / case.key, run)
             try:
-                if path.exists():
-                    Runs.load(path)
-                    continue
-            except InputError as error:
-                self.damaged.append(str(error))
-                path.unlink(missing_ok=True)
-            found.append(run)
+                Runs.load(file_of(self.folder / case.key, run))
+            except InputError:
+                found.append(run)
         return found
 
     def load(self, case: Case) -> Runs:

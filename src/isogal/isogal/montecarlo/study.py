@@ -62,15 +62,9 @@ def compute_cases(
     Interrupted
         Ctrl-C.
     """
-    largest: dict[str, Case] = {}
-    for case in cases:
-        if case.key not in largest or case.runs > largest[case.key].runs:
-            largest[case.key] = case
-    total = sum(case.runs for case in largest.values())
-    jobs = [Job(case, run) for case in largest.values() for run in store.missing(case)]
+    total = sum(case.runs for case in cases)
+    jobs = [Job(case, run) for case in cases for run in store.missing(case)]
     kept = total - len(jobs)
-    for damage in store.damaged:
-        display.say(f"computed again: {damage}")
     display.begin(jobs, kept)
     try:
         with closing(computed(jobs, backend.start)) as finished:

@@ -14,7 +14,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import TYPE_CHECKING
-from uuid import uuid4
 
 from isogal import forkserver
 from isogal.errors import InputError
@@ -142,7 +141,7 @@ def _end_with_parent() -> None:
 def _compute(key: str, run: int, folder: Path) -> Path:
     """Compute a run of a case; return the file that it is in. A worker that is killed while it
     sends more than fits into the pool's pipe would leave the parent waiting for the rest."""
-    path = folder / f"{uuid4().hex}.npz"
+    path = folder / f"{key}-{run}.npz"
     _cases[key].compute(run).save(path)
     return path
 

@@ -9,7 +9,6 @@ docs/paper.md says what the likely cause is where one does not hold."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -27,10 +26,7 @@ from isogal.paper.published import (
     TABLE_4,
 )
 
-Verdict = Literal["holds", "does not hold", "cannot tell"]
-HOLDS: Verdict = "holds"
-FAILS: Verdict = "does not hold"
-OPEN: Verdict = "cannot tell"
+HOLDS, FAILS, OPEN = "holds", "does not hold", "cannot tell"
 HOUR = 3600.0
 """s."""
 
@@ -44,10 +40,11 @@ class Claim:
     """Where the paper makes it."""
     claim: str
     measured: str
-    verdict: Verdict
+    verdict: str
+    """`HOLDS`, `FAILS` or `OPEN`."""
 
 
-Decision = tuple[str, Verdict]
+Decision = tuple[str, str]
 """What was measured, in words, and what follows."""
 RULES: dict[str, Callable[[Results], Claim]] = {}
 """By key, in the paper's order: what decides each claim."""
@@ -68,7 +65,7 @@ def judge(results: Results) -> tuple[Claim, ...]:
     return tuple(decided(results) for decided in RULES.values())
 
 
-def decide(condition: bool, opposite: bool) -> Verdict:
+def decide(condition: bool, opposite: bool) -> str:
     """Return the verdict of two exclusive findings; neither = cannot tell."""
     return HOLDS if condition else FAILS if opposite else OPEN
 
@@ -140,7 +137,7 @@ def _unaided_at(outcome: Outcome, parts: Iterable[float]) -> list[float]:
     return [float(np.interp(time, outcome.time, outcome.unaided_rms)) for time in times]
 
 
-def _growth(outcome: Outcome) -> Verdict:
+def _growth(outcome: Outcome) -> str:
     """Decide whether the unaided error grows in the second half of the time."""
     half, whole = _unaided_at(outcome, (0.5, 1.0))
     if outcome.time[-1] < 2 * HOUR:
@@ -158,7 +155,7 @@ def _trend(pairs: list[tuple[Outcome, Outcome]], names: list[str]) -> Decision:
     return text, decide(min(scores) > 2.0, min(scores) < -2.0)
 
 
-def _no_divergence(outcomes: list[Outcome]) -> Verdict:
+def _no_divergence(outcomes: list[Outcome]) -> str:
     """Decide whether no run diverges."""
     most, runs = max(outcome.diverged for outcome in outcomes), len(outcomes[0].run_means)
     return decide(most == 0 and runs >= 30, rate_interval(most, runs)[0] > 0.01)

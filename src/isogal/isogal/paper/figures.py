@@ -8,7 +8,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.figures import style
-from isogal.evaluation.figures.ensemble import Curve, draw_curves, rms_figure
+from isogal.evaluation.figures.errors import Curve, draw_curves, rms_figure
 from isogal.evaluation.figures.signal import variability_along
 from isogal.evaluation.figures.track import Frame, image_edges
 from isogal.maps.field_map import FieldMap
@@ -104,7 +104,8 @@ def search_window_figure(example: WindowExample, field_map: FieldMap) -> "Figure
     values = scale(field_map.value(latitude, example.longitude + lattice / metres[1]))
     km, edges = lattice / 1e3, image_edges(lattice / 1e3)
     image = panel.imshow(values, extent=(*edges, *edges), origin="lower", cmap=style.FIELD_COLOURS)
-    figure.colorbar(image, ax=panel, label=scale.label, shrink=0.9)
+    label = f"{scale.name} {scale.unit_label}"
+    figure.colorbar(image, ax=panel, label=label, shrink=0.9)
     level = float(scale(example.reading))
     panel.contour(km, km, values, levels=[level], colors="white", linewidths=1.2)
     square = 0.5 * FIGURE_54_SIDE / 1e3 * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])

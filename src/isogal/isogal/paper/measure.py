@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isogal.arrays import Array, Integers
+from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.bound import posterior_cramer_rao, unaided_covariance
 from isogal.evaluation.consistency import spread_test
@@ -20,6 +20,7 @@ from isogal.maps.variability import feature_variability, normalised_variability
 from isogal.montecarlo.cases import Case
 from isogal.montecarlo.engine import simulate
 from isogal.montecarlo.store import Store
+from isogal.navigator import Navigator
 from isogal.paper.cases import AIDING, HEADINGS, PAPER, Plan, Setting
 from isogal.paper.iterations import Snapshot, follow_iterations
 from isogal.paper.lookups import ProfileExample, WindowExample, profile_example, window_example
@@ -157,20 +158,19 @@ class Tracks:
 
 
 def measure_tracks(plan: Plan, setting: Setting) -> Tracks:
-    """Simulate a few runs, and collect the past states that retrodiction revises."""
-    scenario, field_map = plan.scenario(setting), plan.field_map(setting)
-    trajectory = plan.trajectory(setting)
+    """Simulate a few runs, and collect the past states as retrodiction leaves them in the end."""
+    scenario, trajectory = plan.scenario(setting), plan.trajectory(setting)
     states = np.arange(0, len(trajectory) + 1, scenario.steps_per_scan)
+    truth = trajectory.latitude[states], trajectory.longitude[states]
+    revised = []
+
+    def keep(_: int, navigator: Navigator) -> None:
+        track = navigator.inertial.track(trajectory.time[states])
+        revised.append(horizontal_difference(track[:, 0], track[:, 1], *truth))
+
     runs = range(min(TRACKS, plan.runs))
-    revised = np.full((len(runs), len(states), 2), np.nan)
-
-    def keep(run: int, which: Integers, track: Array) -> None:
-        truth = trajectory.latitude[states[which]], trajectory.longitude[states[which]]
-        revised[run, which] = horizontal_difference(track[:, 0], track[:, 1], *truth)
-
-    record = simulate(scenario, runs, field_map, revised=keep)
-    revised = np.where(np.isnan(revised), record.error, revised)
-    return Tracks(record.error, revised)
+    record = simulate(scenario, runs, plan.field_map(setting), finished=keep)
+    return Tracks(record.error, np.array(revised))
 
 
 def roughness(error: Array) -> float:

@@ -12,10 +12,10 @@ from isogal.montecarlo.progress import LiveProgress
 from isogal.montecarlo.store import Store
 from isogal.montecarlo.study import Backend, compute_cases
 from isogal.paper.cases import MATCHERS, SETTINGS, Plan, Setting
-from isogal.paper.claims import Claim, judge, quantum_gain
+from isogal.paper.claims import Claim, judge
 from isogal.paper.document import write_page
-from isogal.paper.measure import Outcome, Results, measure, roughness
-from isogal.paper.published import QUANTUM_GAIN, TABLE_4, TABLE_6, PublishedRow
+from isogal.paper.measure import Results, measure
+from isogal.paper.published import TABLE_4, TABLE_6, PublishedRow
 
 
 def reproduce(
@@ -58,11 +58,9 @@ def reproduce(
 def as_json(results: Results, claims: Sequence[Claim], wall_seconds: float) -> dict[str, Json]:
     """Return all numbers as one document.
 
-    The figures of merit of each case are in the format of results.json of a Monte Carlo, without
-    the computing times."""
+    The figures of merit of each case are in the format of results.json of a Monte Carlo."""
     plan = results.plan
-    gain, error = quantum_gain(results)
-    summaries = {setting.name: outcome.summary for setting, outcome in results.outcomes.items()}
+    cases = {setting.name: plain(one.summary) for setting, one in results.outcomes.items()}
     return {
         "isogal": isogal.__version__,
         "map": plan.field_map(Setting()).provenance,
@@ -73,62 +71,28 @@ def as_json(results: Results, claims: Sequence[Claim], wall_seconds: float) -> d
             for name, rows in (("4", TABLE_4), ("6", TABLE_6))
         },
         "unaided": [asdict(spread) for spread in results.spreads],
-        "quantum_gain": {
-            "published": QUANTUM_GAIN,
-            "time": plan.gain_time,
-            "measured": gain,
-            "standard_error": error,
-        },
-        "drift_by_theory": [
-            {"heading": heading, "grade": grade, "rms": value}
-            for (heading, grade), value in results.drift.items()
-        ],
-        "smoothness": [
-            {
-                "batch_length": setting.batch_length,
-                "mode": setting.mode,
-                "as_output": roughness(tracks.live),
-                "in_the_end": roughness(tracks.revised),
-            }
-            for setting, tracks in results.tracks.items()
-        ],
         "claims": [asdict(claim) for claim in claims],
-        "cases": {
-            name: {key: plain(value) for key, value in summary.items() if key != "time"}
-            for name, summary in summaries.items()
-        },
-        "time": {
-            "wall_s": wall_seconds,
-            "fix_ms_median": {
-                name: summary["time"]["fix_ms_median"] for name, summary in summaries.items()
-            },
-        },
+        "cases": cases,
+        "wall_s": wall_seconds,
     }
 
 
 def _row(results: Results, row: PublishedRow) -> dict[str, Json]:
+    """Return a row of a table as published, and what was found with each matcher; the rest is in
+    the cases by their names."""
+    here: dict[str, Json] = {}
+    for matcher in MATCHERS:
+        found = results.row(row, matcher)
+        here[matcher] = {
+            "case": found.setting.name,
+            "mean": found.mean,
+            "mean_standard_error": found.mean_uncertainty,
+            "divergence_rate": found.diverged / len(found.run_means),
+        }
     return {
         "batch_length": row.batch_length,
         "sigma": row.sigma,
         "snr": results.snr(row),
-        "published": {
-            "mean": row.mean_error,
-            "divergence_rate": row.divergence_rate,
-            "snr": row.snr,
-        },
-        **{matcher: _brief(results.row(row, matcher)) for matcher in MATCHERS},
-    }
-
-
-def _brief(outcome: Outcome) -> dict[str, Json]:
-    summary = outcome.summary
-    return {
-        "mean": outcome.mean,
-        "mean_standard_error": outcome.mean_uncertainty,
-        "rms": summary["position_error"]["rms"],
-        "rms_after_1h": summary["position_error"]["rms_after_1h"],
-        "bound": plain(summary["bound"]),
-        "nees_per_axis": plain(summary["nees_per_axis"]),
-        "declined": summary["fixes"]["declined"],
-        "divergence_rate": outcome.diverged / len(outcome.run_means),
+        "published": asdict(row),
+        **here,
     }

@@ -146,10 +146,7 @@ class Imu(Section):
 
     @model_validator(mode="after")
     def _known_grade(self) -> "Imu":
-        try:
-            self.sensors  # noqa: B018 - raises where there is no such grade
-        except InputError as error:
-            raise ValueError(str(error)) from None
+        self.sensors  # noqa: B018 - raises where there is no such grade
         return self
 
     @property

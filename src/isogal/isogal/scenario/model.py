@@ -47,6 +47,10 @@ AID_LISTS = "heights", "velocities", "positions", "headings"
 _OF_GRAVITY = ("gravity", "disturbance", "gradient")
 
 
+def _whole(number: float) -> bool:
+    return abs(number - round(number)) <= 1e-9 and round(number) >= 1
+
+
 class Settings(Section):
     """The sections of a run, and what follows from them."""
 
@@ -93,15 +97,13 @@ class Settings(Section):
     @model_validator(mode="after")
     def _whole_scans(self) -> Self:
         steps = self.gravimeter.interval * self.imu.rate
-        if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
+        if not _whole(steps):
             raise ValueError(
                 f"gravimeter.interval ({self.gravimeter.interval} s) must be a whole number of IMU"
                 f" samples (1/{self.imu.rate} s)"
             )
         rate, of_step = self.fusion.rate, self.samples_per_step
-        if rate is not None and (
-            abs(of_step * rate - self.imu.rate) > 1e-9 * rate or round(steps) % of_step
-        ):
+        if rate is not None and not (_whole(self.imu.rate / rate) and _whole(steps / of_step)):
             raise ValueError(
                 f"fusion.rate ({rate:g} Hz): imu.rate ({self.imu.rate:g} Hz) must be a multiple of"
                 f" it, and gravimeter.interval ({self.gravimeter.interval:g} s) a whole number of"
@@ -157,8 +159,7 @@ class Settings(Section):
                 raise ValueError(f"{key}: of two entries of one name, or without one: {names}")
             intervals |= {f"{key}.{n}": one.interval for n, one in enumerate(entries or ())}
         for name, interval in intervals.items():
-            steps = interval * self.navigation_rate
-            if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
+            if not _whole(interval * self.navigation_rate):
                 raise ValueError(
                     f"{name}.interval ({interval} s) must be a whole number of steps of the"
                     f" navigator (1/{self.navigation_rate:g} s)"

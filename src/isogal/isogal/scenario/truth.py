@@ -33,33 +33,11 @@ SECTIONS = (
 )
 """Sections of a scenario that `truth` may repeat."""
 SHARED = (
-    "imu.rate",
-    "gravimeter.quantity",
-    "gravimeter.interval",
-    "magnetometer.online",
-    "altimeter.beams",
-    "altimeter.opening",
-    "altimeter.directions",
-    "gradiometer.components",
-    "height.interval",
-    "velocity.interval",
-    "velocity.kind",
-    "gnss.available",
-    "gnss.interval",
-    "heights.name",
-    "heights.interval",
-    "velocities.name",
-    "velocities.kind",
-    "velocities.interval",
-    "positions.name",
-    "positions.available",
-    "positions.interval",
-    "headings.name",
-    "headings.kind",
-    "headings.available",
-    "headings.interval",
+    *("name", "kind", "quantity", "interval", "rate", "available", "online"),
+    *("beams", "opening", "directions", "components"),
 )
-"""Keys of them that say what is done rather than how well: the truth cannot differ in them."""
+"""Keys of any section that say what is done rather than how well: the truth cannot differ in
+them."""
 _MULTIPLE = re.compile(r"\s*(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\s*x\s*")
 
 
@@ -91,11 +69,10 @@ def true_section(name: str, assumed: Section, changes: Value) -> Section:
     changes = _without_multiples(changes, assumed.resolved(), where)
     section = validated(type(assumed), merged(assumed.model_dump(), changes), f"{where}.")
     for key in SHARED:
-        parent, _, leaf = key.partition(".")
-        if parent == name and getattr(section, leaf) != getattr(assumed, leaf):
+        if (told := getattr(assumed, key, None)) != getattr(section, key, None):
             raise ValueError(
-                f"truth.{key}: cannot differ from {key} ({getattr(assumed, leaf)}), which says"
-                " what the vehicle does"
+                f"truth.{name}.{key}: cannot differ from {name}.{key} ({told}), which says what"
+                " the vehicle does"
             )
     return section
 
@@ -125,7 +102,7 @@ def _multiples_of_errors(where: str, assumed: Section, multiple: str) -> Documen
         target, value = changes, assumed.resolved()
         for parent in parents:
             target, value = target.setdefault(parent, {}), value[parent]
-        if _numbers_in(value[leaf]):
+        if _multiple(1.0, value[leaf]) is not None:
             target[leaf] = multiple
     if not changes:
         raise ValueError(f"{where}: {multiple} of the whole section says nothing; name its keys")
@@ -140,27 +117,18 @@ def _without_multiples(changes: Mapping[str, Value], assumed: Document, where: s
         if isinstance(value, Mapping) and isinstance(known, Mapping):
             result[key] = _without_multiples(value, dict(known), place)
         elif key in assumed and isinstance(value, str) and (match := _MULTIPLE.fullmatch(value)):
-            result[key] = _multiple(float(match[1]), known, f"{place}: {value.strip()}")
+            result[key] = _multiple(float(match[1]), known)
+            if result[key] is None:
+                raise ValueError(f"{place}: {value.strip()} of {written(known)} says nothing")
     return result
 
 
-def _multiple(factor: float, assumed: Value, where: str) -> Value:
-    """Return a number, or each of several, times a factor."""
-    several = isinstance(assumed, tuple | list)
-    if numbers := [factor * number for number in _numbers_in(assumed)]:
-        return numbers if several else numbers[0]
-    zero = all(x == 0 for x in (assumed if isinstance(assumed, tuple | list) else [assumed]))
-    said = "says nothing; give a number" if zero else "is no number"
-    raise ValueError(f"{where} of {written(assumed)} {said}")
-
-
-def _numbers_in(value: Value) -> list[float]:
-    """Return a number, or several, as a list; none where all are zero, or something else is among
-    them."""
-    every = value if isinstance(value, tuple | list) else [value]
-    numbers = [
-        x
-        for x in every
-        if isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-    ]
-    return numbers if len(numbers) == len(every) and any(numbers) else []
+def _multiple(factor: float, assumed: Value) -> Value:
+    """Return a number, or each of several, times a factor; None where all are zero, or something
+    else is among them."""
+    if isinstance(assumed, tuple | list):
+        each = [_multiple(factor, one) if one != 0.0 else 0.0 for one in assumed]
+        return each if any(each) and None not in each else None
+    if not isinstance(assumed, int | float) or isinstance(assumed, bool):
+        return None
+    return factor * assumed if assumed != 0.0 and math.isfinite(assumed) else None

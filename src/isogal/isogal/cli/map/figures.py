@@ -146,7 +146,8 @@ def navigability_figure(found: "Navigability") -> "Figure":
     tall = 2.0 * style.WIDTH * 0.42 * frame.shape + 0.9
     figure = style.new_figure(min(max(tall, 3.0), 8.0))
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
-    errors = float(np.nanquantile(found.mean, 0.01)), float(np.nanquantile(found.worst, 0.99))
+    mean, worst = layers["error_mean"].values, layers["error_worst"].values
+    errors = float(np.nanquantile(mean, 0.01)), float(np.nanquantile(worst, 0.99))
     limits = {
         "error_mean": errors,
         "error_worst": errors,

@@ -82,7 +82,7 @@ def _along_a_route(where: PartChoice) -> bool:
 
 def _print(found: "Navigability", files: list[Path]) -> None:
     summary = found.summary()
-    rows, columns = found.mean.shape
+    rows, columns = found.ambiguity.shape
     print_table(
         ("", "least", "quarter", "median", "three quarters", "largest"),
         [

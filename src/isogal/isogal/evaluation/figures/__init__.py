@@ -5,9 +5,7 @@ to no global state; `style.png` turns it into bytes. Importing these modules doe
 matplotlib.
 
     style       palette, line styles, sizes, axes of time and of map values, legends
-    ensemble    RMS errors of many runs over time, aided and unaided, with the bound
-    errors      errors of one run with the filter's 3-sigma band; NEES after fixes
-    stanford    error against protection level
+    errors      errors of one run or many over time, with the bound; NEES; protection level
     signal      readings, or the map feature variability, against the map along the track
     track       the track on the map
 """

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from isogal.maps.tiled_map import ScalarMap
 
-_DOTS = style.Options(linestyle="none", marker=".", markersize=2.0, color=style.VERMILION)
+_DOTS = {"linestyle": "none", "marker": ".", "markersize": 2.0, "color": style.VERMILION}
 """Of readings."""
 
 
@@ -55,7 +55,7 @@ def signal_figure(runs: Runs, field_map: "ScalarMap", sigma: float) -> "Figure":
         difference = (detail.reading - value) / scale.unit
         bottom.plot(time, difference, **line, label=f"measured − map, {where}")
     bottom.set_ylabel("difference\n" + scale.unit_label)
-    style.time_axis(bottom, float(style.hours(runs.elapsed[-1:])[0]))
+    style.time_axis(bottom, style.hours(runs.elapsed[-1]))
     style.legend_below(figure, columns=3)
     return figure
 

@@ -2,10 +2,10 @@
 
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from typing import TYPE_CHECKING, ParamSpec, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Time = TypeVar("Time", float, Array)
 
 WIDTH = 7.1
 """in, a full page's width; figures are this wide."""
@@ -39,19 +40,8 @@ FIELD_COLOURS = "cividis"
 
 Dashes = str | tuple[float, tuple[float, ...]]
 """As matplotlib takes them."""
-
-
-class Options(TypedDict, total=False):
-    """Keyword arguments of matplotlib's drawing functions."""
-
-    color: str
-    alpha: float
-    linestyle: Dashes
-    linewidth: float
-    marker: str
-    markersize: float
-    markeredgecolor: str
-    markeredgewidth: float
+Options = dict[str, Any]
+"""Keyword arguments of matplotlib's drawing functions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,11 +63,7 @@ BOUND = Line(BLACK, (0, (1, 1.2)))
 SMOOTHED = Line(GREEN, "-", 1.5)
 SMOOTHED_BOUND = Line(GREEN, (0, (1, 1.2)))
 TRUTH = Line(BLACK, "-", 1.0)
-SERIES = (
-    Line(BLUE, "-", 1.5),
-    Line(VERMILION, (0, (5, 2))),
-    Line(GREEN, (0, (5, 1.5, 1, 1.5))),
-)
+SERIES = (AIDED, UNAIDED, Line(GREEN, (0, (5, 1.5, 1, 1.5))))
 """Lines for curves side by side, in order."""
 FIX_DOT: Options = {
     "color": SKY,
@@ -88,10 +74,7 @@ FIX_DOT: Options = {
 """Of a fix on a map."""
 BAND: Options = {"color": SKY, "alpha": 0.35, "linewidth": 0}
 """Of an area behind lines."""
-
-
-_JOURNAL: dict[str, str | float | list[str]] = {
-    "font.family": "sans-serif",
+_JOURNAL = {
     # comes with matplotlib, so a figure looks the same on every machine
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8.5,
@@ -100,37 +83,20 @@ _JOURNAL: dict[str, str | float | list[str]] = {
     "axes.linewidth": 0.7,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "axes.facecolor": "white",
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
     "grid.color": "0.88",
     "grid.linewidth": 0.5,
     "lines.solid_capstyle": "round",
     "legend.fontsize": 8,
-    "legend.frameon": True,
     "legend.framealpha": 0.9,
     "legend.edgecolor": "none",
     "legend.handlelength": 2.6,
-    "xtick.direction": "out",
-    "ytick.direction": "out",
     "xtick.major.width": 0.7,
     "ytick.major.width": 0.7,
-    "mathtext.fontset": "dejavusans",
-    "text.usetex": False,
-    "path.simplify": True,
     "contour.negative_linestyle": "solid",
 }
-
-
-LABEL_BOX = {
-    "boxstyle": "round,pad=0.15",
-    "facecolor": "white",
-    "edgecolor": "none",
-    "alpha": 0.85,
-}
-"""Of text on a map."""
+"""Where it departs from matplotlib's own defaults."""
 
 
 def journal(draw: Callable[P, T]) -> Callable[P, T]:
@@ -139,11 +105,9 @@ def journal(draw: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> T:
-        import matplotlib as mpl
+        from matplotlib.style import context
 
-        with mpl.rc_context():
-            mpl.rcdefaults()
-            mpl.rcParams.update(_JOURNAL)
+        with context(_JOURNAL, after_reset=True):
             return draw(*args, **kwargs)
 
     return styled
@@ -160,14 +124,14 @@ def new_figure(height: float, width: float = WIDTH) -> "Figure":
 
 
 @journal
-def png(figure: "Figure", dpi: int | None = None) -> bytes:
-    """Render a figure, at `DPI` dots per inch unless told; equal figures give equal bytes."""
+def png(figure: "Figure") -> bytes:
+    """Render a figure; equal figures give equal bytes."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi or DPI, metadata={"Software": None})
+    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     return buffer.getvalue()
 
 
-def hours(seconds: Array) -> Array:
+def hours(seconds: Time) -> Time:
     """Seconds as hours."""
     return seconds / 3600.0
 
@@ -205,13 +169,8 @@ class FieldScale:
         return f"({self.unit_name})"
 
     @property
-    def label(self) -> str:
-        """Name and unit in a line."""
-        return f"{self.name} {self.unit_label}"
-
-    @property
     def two_lines(self) -> str:
-        """The label with its unit on a second line, for low panels."""
+        """Name and unit, the latter on a second line."""
         return f"{self.name}\n{self.unit_label}"
 
     def __call__(self, values: ArrayLike) -> Array:
@@ -221,7 +180,7 @@ class FieldScale:
 
 _MEDIAN_OF = 500
 """Rows and columns, at most, that the median of a map's values is taken from."""
-_NAMES: Mapping[str, str] = {"gravity": "gravity", "disturbance": "gravity disturbance"}
+_NAMES = {"gravity": "gravity", "disturbance": "gravity disturbance"}
 
 
 def field_scale(field_map: "ScalarMap") -> FieldScale:

@@ -150,7 +150,7 @@ class Frame:
             aspect=self.stretch,
         )
         bar = panel.figure.colorbar(image, ax=panel, shrink=0.9, pad=0.02, extend="both")
-        (panel.set_title if titled else bar.set_label)(label or scale.label)
+        (panel.set_title if titled else bar.set_label)(label or f"{scale.name} {scale.unit_label}")
         panel.grid(False)
         panel.set_facecolor("0.9")  # where there is no map
         panel.locator_params(axis="x", nbins=5)

@@ -14,10 +14,11 @@ from isogal.errors import InputError
 from isogal.evaluation.navigability.kernels import (
     Approach,
     Ground,
+    Leg,
     errors_on_arrival,
     second_places,
 )
-from isogal.evaluation.navigability.leg import Leg, leg_to
+from isogal.evaluation.navigability.leg import leg_to
 from isogal.fields.measured import measured_field
 from isogal.maps.error_ellipses import mean_length
 from isogal.maps.field_map import FieldMap
@@ -65,35 +66,17 @@ class Navigability:
     """m, RMS horizontal error on arrival without any reading."""
     unit: str
 
-    @property
-    def worst(self) -> Array:
-        """m, on the worst heading."""
-        return np.asarray(self.error.max(axis=0))
-
-    @property
-    def mean(self) -> Array:
-        """m, root mean square over the headings."""
-        return np.asarray(np.sqrt((self.error**2).mean(axis=0)))
-
-    @property
-    def best(self) -> Array:
-        """m, on the best heading."""
-        return np.asarray(self.error.min(axis=0))
-
-    @property
-    def best_heading(self) -> Array:
-        """deg, clockwise from north."""
-        known = np.isfinite(self.error).all(axis=0)
-        index = np.argmin(np.where(known, self.error, 0.0), axis=0)
-        return np.where(known, np.degrees(self.heading)[index], np.nan)
-
     def layers(self) -> dict[str, tuple[Array, str, str]]:
         """Return the grids by name, with unit and description."""
+        known = np.isfinite(self.error).all(axis=0)
+        best = np.argmin(np.where(known, self.error, 0.0), axis=0)
+        heading = np.where(known, np.degrees(self.heading)[best], np.nan)
+        mean, error = np.sqrt((self.error**2).mean(axis=0)), "RMS horizontal error on arrival"
         return {
-            "error_worst": (self.worst, "m", "RMS horizontal error on arrival, worst heading"),
-            "error_mean": (self.mean, "m", "RMS horizontal error on arrival, all headings"),
-            "error_best": (self.best, "m", "RMS horizontal error on arrival, best heading"),
-            "best_heading": (self.best_heading, "degree", "best heading, clockwise from north"),
+            "error_worst": (self.error.max(axis=0), "m", f"{error}, worst heading"),
+            "error_mean": (mean, "m", f"{error}, all headings"),
+            "error_best": (self.error.min(axis=0), "m", f"{error}, best heading"),
+            "best_heading": (heading, "degree", "best heading, clockwise from north"),
             "ambiguity": (self.ambiguity, "1", "probability of a second place"),
             "variability": (self.variability, self.unit, "root of map feature variability"),
         }
@@ -102,7 +85,7 @@ class Navigability:
         """Return quantiles of each layer."""
         parts = np.linspace(0.0, 1.0, len(_QUARTERS))
         return {
-            "nodes": list(self.mean.shape),
+            "nodes": list(self.ambiguity.shape),
             "headings": len(self.heading),
             "unaided_m": self.prior,
             **{
@@ -140,9 +123,7 @@ class Area:
 
     def errors(self, leg: Leg, rows: Integers, columns: Integers) -> Array:
         """Return (N, M) the RMS horizontal error (m) on arrival at nodes."""
-        return errors_on_arrival(
-            rows, columns, self.ground, leg.approach, leg.position, leg.reduction, leg.rest
-        )
+        return errors_on_arrival(rows, columns, self.ground, leg)
 
     def ambiguity(self, leg: Leg, rows: Integers, columns: Integers) -> Array:
         """Return (N, M) the probability of a second place at nodes."""

@@ -66,6 +66,18 @@ class Approach(NamedTuple):
     """(2,) reading by the place, per m north and east, without the part of the map's gradient."""
 
 
+class Leg(NamedTuple):
+    """A leg on one heading (`isogal.evaluation.navigability.leg`)."""
+
+    approach: Approach
+    position: Array
+    """(T, 2, m) position error (m) by the coefficients."""
+    reduction: Array
+    """(T, m) reading by the coefficients, without the part of the map's gradient."""
+    rest: float
+    """m², variance of the position at the end that is left out."""
+
+
 class _Node(NamedTuple):
     """A node at the end of a leg: what `_white` takes besides a place."""
 
@@ -126,29 +138,11 @@ def _slope(ground: Ground, offset: Array, i: int, j: int, slope: Array) -> bool:
 
 
 @kernel(error_model="numpy")
-def errors_on_arrival(
-    rows: Integers,
-    columns: Integers,
-    ground: Ground,
-    approach: Approach,
-    position: Array,
-    reduction: Array,
-    rest: float,
-) -> Array:
-    """Return (N, M) the RMS horizontal error (m) at nodes; NaN where the map has no value.
-
-    Parameters
-    ----------
-    rows, columns : (N,), (M,) arrays of int
-        Nodes of the map.
-    ground : Ground
-    approach : Approach
-    position : (T, 2, m) array
-    reduction : (T, m) array
-    rest : float
-        See `isogal.evaluation.navigability.leg.Leg`.
-    """
-    T, m = reduction.shape
+def errors_on_arrival(rows: Integers, columns: Integers, ground: Ground, leg: Leg) -> Array:
+    """Return (N, M) the RMS horizontal error (m) at nodes of the map, by rows (N,) and columns
+    (M,); NaN where it has no value."""
+    approach, position = leg.approach, leg.position
+    T, m = leg.reduction.shape
     out = np.full((rows.size, columns.size), math.nan)
     slope, known = np.empty((T, 2)), np.empty(T, dtype=np.bool_)
     gain, weight, h, forecast = np.empty(T), np.empty(T), np.empty(m), np.empty(m)
@@ -169,12 +163,12 @@ def errors_on_arrival(
                 root = math.sqrt(weight[t]) if known[t] else 0.0
                 for p in range(m):
                     by_map = slope[t, 0] * position[t, 0, p] + slope[t, 1] * position[t, 1, p]
-                    new = reduction[t, p] - by_map - forecast[p]
+                    new = leg.reduction[t, p] - by_map - forecast[p]
                     forecast[p] = correlation * (forecast[p] + gain[t] * new)
                     h[p] = root * new
                     for q in range(p + 1):
                         information[p, q] += h[p] * h[q]
-            variance, inverse = rest, inverse_of_lower(lower(information))
+            variance, inverse = leg.rest, inverse_of_lower(lower(information))
             for axis in range(2):
                 for p in range(m):
                     part = 0.0

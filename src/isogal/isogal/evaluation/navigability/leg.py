@@ -8,14 +8,13 @@ variance one, B from the largest eigenvalues of its covariance. B does not depen
 hardly on the place, so that it is computed once for each heading."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.evaluation.bound import bias_and_drift, linear_model, propagated
-from isogal.evaluation.navigability.kernels import Approach
+from isogal.evaluation.navigability.kernels import Approach, Leg
 from isogal.evaluation.reading_errors import effective_noise_variance
 from isogal.fields.measured import measured_field
 from isogal.scenario import Route, Settings, Truth
@@ -25,19 +24,6 @@ MOST = 10
 """Coefficients at most."""
 _NEGLECTED = 1e-5
 """Share of the variance that may be left out."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Leg:
-    """A leg on one heading, with T readings, the last at its end."""
-
-    approach: Approach
-    position: Array
-    """(T, 2, m) position error (m) by the coefficients."""
-    reduction: Array
-    """(T, m) reading by the coefficients, without the part of the map's gradient."""
-    rest: float
-    """m², variance of the position at the end that is left out."""
 
 
 def leg_to(
@@ -64,13 +50,8 @@ def leg_to(
     T = len(scans)
     north, east = metres_per_radian(latitude, trajectory.height[-1])
     end = scans[-1]
-    offset = np.stack(
-        [
-            (trajectory.latitude[scans] - trajectory.latitude[end]) * north,
-            (trajectory.longitude[scans] - trajectory.longitude[end]) * east,
-        ],
-        axis=1,
-    )
+    places = np.stack([trajectory.latitude, trajectory.longitude], axis=1)
+    offset = (places[scans] - places[end]) * (north, east)
     jacobian = measured_field(truth).reduction(truth).jacobian(trajectory.at(scans))
     basis = _basis(stacked, jacobian)
     rest = np.trace(stacked[-5:-3, -5:-3]) - (basis[-1, :2] ** 2).sum()
@@ -122,7 +103,7 @@ def leg_route(settings: Settings, latitude: float, longitude: float, heading: fl
 def _covariance(truth: Truth, trajectory: Trajectory) -> Array:
     """Return (5 T, 5 T) the covariance of position, velocity (north, east) and of the readings'
     offset at all readings."""
-    model = linear_model(truth, trajectory, [])
+    model = linear_model(truth, trajectory)
     P, per_scan = model.start, model.segments.per_scan
     crosses, rows = np.zeros((0, len(P))), []
     for stretch, (transition, *noise) in enumerate(model.transitions(), 1):
@@ -146,13 +127,11 @@ def _basis(stacked: Array, jacobian: Array) -> Array:
     """Return B (T, 5, m): what is largest in position, and in what a reading gets from velocity
     and offset."""
     T = len(jacobian)
-    diagonal = np.diag(stacked).reshape(T, 5).max(axis=0)
-    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.maximum(diagonal, 1e-300)), 0.0)
-    scaled = stacked * np.outer(np.tile(scale, T), np.tile(scale, T))
-    values, vectors = np.linalg.eigh(scaled)
+    size = np.tile(np.sqrt(np.diag(stacked).reshape(T, 5).max(axis=0)), T)
+    scale = np.where(size > 0.0, 1.0 / np.maximum(size, 1e-150), 0.0)
+    values, vectors = np.linalg.eigh(stacked * np.outer(scale, scale))
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
     kept = int(np.searchsorted(np.cumsum(values), (1.0 - _NEGLECTED) * values.sum())) + 1
     kept = min(kept, MOST, len(values))
-    back = np.tile(np.where(scale > 0.0, np.sqrt(diagonal), 0.0), T)
-    basis = back[:, None] * vectors[:, :kept] * np.sqrt(values[:kept])
+    basis = size[:, None] * vectors[:, :kept] * np.sqrt(values[:kept])
     return np.ascontiguousarray(basis.reshape(T, 5, kept))

@@ -42,15 +42,8 @@ class Edges:
         self._rotation = matrix(from_heading(lattice.heading))
         self._noise = effective_noise_variance(truth.gravimeter, field_map.quantisation)
         middle = len(lattice.latitude) // 2, lattice.middle
-        latitude, longitude, height = (
-            np.full(len(self._velocity), value)
-            for value in (
-                lattice.latitude[middle],
-                lattice.longitude[middle],
-                truth.route.height,
-            )
-        )
-        at = State(latitude, longitude, height, *self._velocity.T)
+        place = lattice.latitude[middle], lattice.longitude[middle], truth.route.height
+        at = State(*np.broadcast_arrays(*place, *self._velocity.T))
         self._jacobian = measured_field(truth).reduction(truth).jacobian(at)
         sensor, error = truth.gravimeter, truth.map_error
         self._states = [

@@ -11,7 +11,7 @@ The route that is found, and the straight one, are then assessed by the bound al
 is driven, with its turns (`isogal.evaluation.bound`)."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,15 +44,13 @@ class RouteRequest:
     """Latitude, longitude, rad."""
     goal: Place
     detour: float = 0.15
-    """Share of the straight way that the route may be longer."""
+    """Share of the straight way that the route may be longer, above 0."""
     ceiling: float | None = None
     """m: the shortest route whose RMS error on arrival is below; None = the least error."""
     areas: tuple[Rings, ...] = ()
 
     def check(self) -> None:
         """Raise InputError unless this can be asked."""
-        if not 0.0 < self.detour <= 1.0:
-            raise InputError(f"detour must be above 0 and at most 1, is {self.detour:g}")
         for name, place in (("start", self.start), ("goal", self.goal)):
             if inside(list(self.areas), np.array(place[0]), np.array(place[1])).any():
                 raise InputError(f"{name} lies in an area that the route must keep out of")
@@ -95,17 +93,9 @@ class _Way:
     length: float
     covariance: Array
     cost: float
-    direction: int
-    row: int
-    before: "_Way | None"
-
-    def rows(self) -> list[int]:
-        """Return the rows from the start on."""
-        rows, way = [self.row], self.before
-        while way is not None:
-            rows.append(way.row)
-            way = way.before
-        return rows[::-1]
+    direction: int | None
+    rows: tuple[int, ...]
+    """From the start on."""
 
 
 def plan_route(
@@ -152,7 +142,7 @@ def plan_route(
     straight = None
     if lattice.free[:, lattice.middle, len(lattice.rise) // 2].all():
         straight = assess(truth, field_map, np.array([request.start, request.goal]))
-    found = [assess(truth, field_map, _corners(lattice, way.rows())) for way in ends]
+    found = [assess(truth, field_map, _corners(lattice, way.rows)) for way in ends]
     if straight is not None:
         found.append(straight)
     if request.ceiling is None:
@@ -168,21 +158,13 @@ def plan_route(
 
 
 def assess(truth: Truth, field_map: FieldMap, waypoints: Array) -> Assessed:
-    """Return the bound along a route (W, 2) as it is driven."""
-    driven = through(truth.route, waypoints)
+    """Return the bound along a route (W, 2) through all waypoints to the last, as it is driven."""
+    points = tuple((*np.degrees(place).tolist(), truth.route.speed) for place in waypoints)
+    driven = truth.route.model_copy(update={"waypoints": points, "duration": None})
     truth = truth.model_copy(update={"route": driven})
     trajectory = build_trajectory(truth)
     bound = posterior_cramer_rao(truth, trajectory, field_map)
     return Assessed(waypoints, driven, trajectory, bound)
-
-
-def through(route: Route, waypoints: Array) -> Route:
-    """Return a route with the same speed through waypoints (W, 2), rad, to the last of them."""
-    points = tuple(
-        (math.degrees(latitude), math.degrees(longitude), route.speed)
-        for latitude, longitude in waypoints
-    )
-    return route.model_copy(update={"waypoints": points, "duration": None})
 
 
 def _search(
@@ -196,15 +178,14 @@ def _search(
     edges = Edges(truth, lattice, field_map)
     most = (1.0 + _DRIVEN * request.detour) * lattice.straight
     columns, speed = len(lattice.free), truth.route.speed
-    start = _Way(0.0, edges.start(*request.start), 0.0, -1, lattice.middle, None)
-    ways = [start]
+    ways = [_Way(0.0, edges.start(*request.start), 0.0, None, (lattice.middle,))]
     for column in range(columns):
         reached: dict[int, dict[int, _Way]] = {}
         for direction, length in enumerate(lattice.length.tolist()):
             going = [way for way in ways if _may_go(way, column, direction, lattice, most)]
             if not going:
                 continue
-            rows = [way.row for way in going]
+            rows = [way.rows[-1] for way in going]
             covariances = edges.along(
                 np.array([way.covariance for way in going]),
                 lattice.latitude[column, rows],
@@ -214,8 +195,8 @@ def _search(
             )
             for way, P in zip(going, covariances, strict=True):
                 cost = float(P[0, 0] + P[1, 1] + _HORIZON**2 * (P[2, 2] + P[3, 3]))
-                there = way.row + int(lattice.rise[direction])
-                after = _Way(way.length + length, P, cost, direction, there, way)
+                there = way.rows[-1] + int(lattice.rise[direction])
+                after = _Way(way.length + length, P, cost, direction, (*way.rows, there))
                 excess = after.length + lattice.left(column + 1, there) - lattice.straight
                 kind = min(int(CLASSES * excess / (most - lattice.straight)), CLASSES - 1)
                 kept = reached.setdefault(there, {})
@@ -224,17 +205,22 @@ def _search(
         ways = [way for kept in reached.values() for way in _useful(kept)]
         if progress is not None:
             progress(column + 1, columns)
-    return [way for way in ways if way.row == lattice.middle]
+    return [way for way in ways if way.rows[-1] == lattice.middle]
 
 
 def _may_go(way: _Way, column: int, direction: int, lattice: Lattice, most: float) -> bool:
     """Return whether a way may go on from a column in a direction: not into an area, nor too far
     (m) or round a sharp corner."""
-    there = way.row + int(lattice.rise[direction])
-    if not (0 <= there < lattice.free.shape[1] and lattice.free[column, way.row, direction]):
+    here = way.rows[-1]
+    there = here + int(lattice.rise[direction])
+    if not (0 <= there < lattice.free.shape[1] and lattice.free[column, here, direction]):
         return False
+    if way.direction is not None:
+        turn = lattice.heading[direction] - lattice.heading[way.direction]
+        if abs(math.remainder(turn, 2.0 * math.pi)) > _SHARPEST:
+            return False
     whole = way.length + lattice.length[direction] + lattice.left(column + 1, there)
-    return bool(whole <= most * (1.0 + 1e-9) and not _too_sharp(lattice, way.direction, direction))
+    return bool(whole <= most * (1.0 + 1e-9))
 
 
 def _useful(kept: dict[int, _Way]) -> list[_Way]:
@@ -246,14 +232,7 @@ def _useful(kept: dict[int, _Way]) -> list[_Way]:
     return useful
 
 
-def _too_sharp(lattice: Lattice, before: int, after: int) -> bool:
-    if before < 0:
-        return False
-    turn = lattice.heading[after] - lattice.heading[before]
-    return abs(math.remainder(turn, 2.0 * math.pi)) > _SHARPEST
-
-
-def _corners(lattice: Lattice, rows: list[int]) -> Array:
+def _corners(lattice: Lattice, rows: Sequence[int]) -> Array:
     """Return the start, the places where a way turns, and the goal (W, 2), rad."""
     turns = [0]
     turns += [k for k in range(1, len(rows) - 1) if rows[k + 1] - rows[k] != rows[k] - rows[k - 1]]

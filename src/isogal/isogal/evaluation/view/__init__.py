@@ -2,7 +2,6 @@
 (docs/view.md).
 
 record      what the page shows: a run, what nodes said, what was not recorded
-projection  kilometres on the map
 payload     the numbers of the page, which change while a run is watched
 background  the map as a shaded picture and as contours
 figures     the maps and the panels over time, with their titles and keys (Bokeh)

@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from isogal.arrays import Array, Booleans
+from isogal.earth.plane import Plane
 from isogal.evaluation.figures.style import FieldScale, nice_limit
-from isogal.evaluation.view.projection import Projection
+from isogal.evaluation.figures.track import image_edges
+from isogal.evaluation.view.payload import in_km
 from isogal.maps.corridor import corridor_of
+from isogal.maps.field_map import FieldMap
 
 if TYPE_CHECKING:
     from isogal.maps.tiled_map import ScalarMap
-
-Bytes = NDArray[np.uint8]
 
 DOTS = 900
 """Rows and columns of the picture at most."""
@@ -57,41 +58,39 @@ class Background:
 
 
 def background(
-    field_map: "ScalarMap", projection: Projection, latitude: Array, longitude: Array,
-    scale: FieldScale,
-) -> Background:  # fmt: skip
+    field_map: "ScalarMap", plane: Plane, route: tuple[Array, Array], scale: FieldScale
+) -> Background:
     """Return the map about a route, with a margin of a tenth of its length, 10 km at least.
 
     Parameters
     ----------
     field_map : ScalarMap
-    projection : Projection
-    latitude, longitude : (K,) arrays
-        Of the route, rad.
+    plane : Plane
+        Of the route.
+    route : pair of (K,) arrays
+        Latitude and longitude, rad.
     scale : FieldScale
         Of the map's values.
     """
-    x, y = projection(latitude, longitude)
-    margin = max(10.0, 0.15 * math.hypot(np.ptp(x), np.ptp(y)))
-    window = corridor_of(latitude, longitude, 1e3 * margin).window
-    part = field_map.overview(DOTS, window)
-    east, north = projection.axes(part.latitude, part.longitude)
+    margin = max(10.0, 0.15 * math.hypot(*np.ptp(in_km(plane, *route), axis=0)))
+    part = field_map.overview(DOTS, corridor_of(*route, 1e3 * margin).window)
+    east, north = _axes(plane, part)
     values = scale(part.values)
     low, high = (float(v) for v in np.nanpercentile(values, [1.0, 99.0]))
     if not high > low:
         low, high = low - 0.5, high + 0.5
     step = nice_limit((high - low) / LINES)
-    half = 0.5 * (east[1] - east[0]), 0.5 * (north[1] - north[0])
+    (west, right), (south, top) = image_edges(east), image_edges(north)
     return Background(
         _png(_shaded(values, east, north, low, high)),
-        float(east[0] - half[0]),
-        float(north[0] - half[1]),
-        float(east[-1] - east[0] + 2.0 * half[0]),
-        float(north[-1] - north[0] + 2.0 * half[1]),
+        west,
+        south,
+        right - west,
+        top - south,
         low,
         high,
         _lines(east, north, values, step),
-        _near_lines(field_map, projection, scale, (latitude, longitude), step),
+        _near_lines(field_map, plane, route, scale, step),
     )
 
 
@@ -114,64 +113,63 @@ def _shaded(
     return np.dstack([colours, np.where(known, 255, 0).astype(np.uint8)])[::-1]
 
 
-def _png(pixels: Bytes) -> str:
+def _png(pixels: NDArray[np.uint8]) -> str:
     from PIL import Image
 
     buffer = io.BytesIO()
-    picture = Image.fromarray(pixels, "RGBA")
-    picture.quantize(256, method=Image.Quantize.FASTOCTREE).save(
-        buffer, format="PNG", optimize=True
-    )
+    picture = Image.fromarray(pixels, "RGBA").quantize(256, method=Image.Quantize.FASTOCTREE)
+    picture.save(buffer, format="PNG", optimize=True)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def _near_lines(
     field_map: "ScalarMap",
-    projection: Projection,
-    scale: FieldScale,
+    plane: Plane,
     route: tuple[Array, Array],
+    scale: FieldScale,
     step: float,
 ) -> Lines:
     """Return lines of the map's full resolution near the route, at most `step` apart in value;
     none of a map that is read piece by piece."""
-    from isogal.maps.field_map import FieldMap
-
     if not isinstance(field_map, FieldMap):
         return Lines(np.empty(0), np.empty(0), step)
     part = field_map.window(*corridor_of(*route, 1e3 * NEAR).window[:4])
-    east, north = projection.axes(part.latitude, part.longitude)
-    values = np.where(_near(east, north, projection(*route)), scale(part.values), np.nan)
+    east, north = _axes(plane, part)
+    values = np.where(_near(east, north, in_km(plane, *route)), scale(part.values), np.nan)
     slope = np.hypot(*np.gradient(values, north, east))
     usual = float(np.nanmedian(slope)) if np.isfinite(slope).any() else 0.0
     step = min(step, nice_limit(APART * usual)) if usual > 0.0 else step
     return _lines(east, north, values, step)
 
 
-def _near(east: Array, north: Array, route: tuple[Array, Array]) -> Booleans:
-    """Return which nodes lie within `NEAR` of the places of a route."""
+def _axes(plane: Plane, part: FieldMap) -> tuple[Array, Array]:
+    """Return km east and north of a map's columns and rows."""
+    east = in_km(plane, plane.latitude, part.longitude)[:, 0]
+    return east, in_km(plane, part.latitude, plane.longitude)[:, 1]
+
+
+def _near(east: Array, north: Array, route: Array) -> Booleans:
+    """Return which nodes lie within `NEAR` of the places (K, 2) of a route."""
     from scipy.ndimage import distance_transform_edt
 
-    step = east[1] - east[0], north[1] - north[0]
-    x, y = route
     away = np.ones((north.size, east.size), dtype=np.bool_)
-    columns = np.clip(np.round((x - east[0]) / step[0]).astype(int), 0, east.size - 1)
-    rows = np.clip(np.round((y - north[0]) / step[1]).astype(int), 0, north.size - 1)
+    step = np.array([east[1] - east[0], north[1] - north[0]])
+    nodes = np.round((route - (east[0], north[0])) / step).astype(int)
+    columns, rows = np.clip(nodes, 0, (east.size - 1, north.size - 1)).T
     away[rows, columns] = False
-    return distance_transform_edt(away, sampling=(step[1], step[0])) <= NEAR
+    return distance_transform_edt(away, sampling=step[::-1]) <= NEAR
 
 
 def _lines(east: Array, north: Array, values: Array, step: float) -> Lines:
     from bokeh.plotting.contour import contour_data
 
-    known = values[np.isfinite(values)]
-    levels = (
-        step * np.arange(math.ceil(known.min() / step), math.floor(known.max() / step) + 1)
-        if known.size
-        else np.empty(0)
-    )
+    masked = np.ma.masked_invalid(values)
+    levels = known = masked.compressed()
+    if known.size:
+        low, high = math.ceil(known.min() / step), math.floor(known.max() / step)
+        levels = step * np.arange(low, high + 1)
     if levels.size == 0 or min(values.shape) < 2:
         return Lines(np.empty(0), np.empty(0), step)
-    masked = np.ma.masked_invalid(values)
     found = contour_data(east, north, masked, levels, want_fill=False, want_line=True).line_data
     x, y = (
         np.concatenate([np.append(level, np.nan) for level in levels_of])

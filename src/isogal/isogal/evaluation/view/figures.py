@@ -16,27 +16,12 @@ from isogal.evaluation.view.background import Background
 if TYPE_CHECKING:
     from bokeh.plotting import figure as Figure  # noqa: N812  a class
 
-SOURCES = {
-    "tracks": "x y aided_x aided_y unaided_x unaided_y",
-    "fixes": "x y alpha text",
-    "fix_ellipses": "xs ys alpha",
-    "candidates": "x y size",
-    "posterior": "xs ys",
-    "claimed": "xs ys",
-    "protection": "xs ys",
-    "now": "x y colour marker",
-    "frame": "left right bottom top",
-    "states": "t error sigma unaided level nees"
-    " north north_low north_high east east_low east_high",
-    "after_fixes": "t nees",
-    "readings": "t reading truth navigator difference",
-    "events": "t row colour marker text",
-}
-"""Data sources and their columns."""
+_COLUMNS = {"alpha", "size", "colour", "marker"}
+"""Values of a style that are columns of the data source."""
+_TEXTS = ("fixes", "events")
+"""Data sources with a text for each mark."""
 ROWS = ["fixes", "messages"]
 """Rows of the panel of what was said: outcomes of batches, and diagnostics."""
-MAPS = ("overview", "close_up")
-"""Figures that are maps."""
 
 
 class Panel(NamedTuple):
@@ -56,7 +41,7 @@ def _panels(quantity: str, unit: str) -> list[Panel]:
     signal, difference = "Readings against the map", "Reading minus map at the navigator's place"
     seek = "Click a time to go there; drag to zoom in time, in all panels at once."
     usual = "Grey: where 95 % of single values of a consistent navigator lie."
-    first = "First channel where an instrument has several."
+    first, said = "First channel where an instrument has several.", "Outcomes of batches"
     return [
         Panel("errors", 200, "error (m)", "Horizontal position error", seek, "log"),
         Panel("north", 150, "north (m)", "North error, and 3 sigma as claimed"),
@@ -64,20 +49,22 @@ def _panels(quantity: str, unit: str) -> list[Panel]:
         Panel("nees", 160, "NEES", "NEES per axis (1 on average)", usual, "log"),
         Panel("signal", 180, f"({unit})", f"{signal}: {quantity}", first),
         Panel("difference", 140, f"({unit})", difference),
-        Panel("said", 150, "", "Outcomes of batches, and what the nodes said", _POINT),
+        Panel("said", 150, "", f"{said}, and what the nodes said", "Point at a mark to read it."),
     ]
 
 
-_POINT = "Point at a mark to read it."
-_CAPTIONS = {
-    "overview": "Whole route on the map. Click a place to go there; the frame is what the map"
-    " beside it shows.",
-    "close_up": "At the time of the slider.",
+MAPS = {
+    "overview": (
+        "Map and tracks over the whole route",
+        "Whole route on the map. Click a place to go there; the frame is what the map beside it"
+        " shows.",
+    ),
+    "close_up": (
+        "Surroundings: candidates, fixes and what is claimed",
+        "At the time of the slider.",
+    ),
 }
-_TITLES = {
-    "overview": "Map and tracks over the whole route",
-    "close_up": "Surroundings: candidates, fixes and what is claimed",
-}
+"""Figures that are maps, with title and caption."""
 
 
 class Layer(NamedTuple):
@@ -201,14 +188,16 @@ def drawings(
     """
     from bokeh.models import ColumnDataSource, CustomJS, HoverTool
 
+    columns: dict[str, set[str | float]] = {name: {"text"} for name in _TEXTS}
+    for layer in LAYERS:
+        own = {*layer.columns.split(), *_COLUMNS.intersection(layer.style.values())}
+        columns.setdefault(layer.source, set()).update(own)
     sources = {
-        name: ColumnDataSource({column: [] for column in columns.split()}, name=name)
-        for name, columns in SOURCES.items()
+        name: ColumnDataSource({column: [] for column in sorted(map(str, each))}, name=name)
+        for name, each in columns.items()
     }
-    found = [
-        Drawing(_map(name, back, "{} ({})".format(*readings)), _TITLES[name], _CAPTIONS[name])
-        for name in MAPS
-    ]
+    label = "{} ({})".format(*readings)
+    found = [Drawing(_map(name, back, label), *texts) for name, texts in MAPS.items()]
     found += _over_time(_panels(*readings), end, interval)
     for drawing in found:
         plot = drawing.plot
@@ -217,9 +206,9 @@ def drawings(
         plot.js_on_event("tap", CustomJS(code=f"window.isogalView.{seek}"))
         for layer in drawing.layers:
             named = {"name": f"{drawing.name}.{layer.name}"} if layer.label else {}
-            draw, columns = getattr(plot, layer.glyph), layer.columns.split()
-            drawn = draw(*columns, source=sources[layer.source], **layer.style, **named)
-            if "text" in SOURCES[layer.source].split():
+            draw, source = getattr(plot, layer.glyph), sources[layer.source]
+            drawn = draw(*layer.columns.split(), source=source, **layer.style, **named)
+            if layer.source in _TEXTS:
                 plot.add_tools(HoverTool(renderers=[drawn], tooltips="@text"))
     return found
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import isogal
+from isogal.earth.plane import Plane
 from isogal.errors import InputError
 from isogal.evaluation.consistency import chi_square_interval
 from isogal.evaluation.figures.style import FieldScale, field_scale
 from isogal.evaluation.view.background import background
 from isogal.evaluation.view.figures import MAPS, drawings
 from isogal.evaluation.view.payload import payload
-from isogal.evaluation.view.projection import Projection
 from isogal.evaluation.view.record import ViewedRun
 from isogal.files import write_atomic
 from isogal.maps.channels import channels_of
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 class Frame:
     """What of a page stays as it is while its numbers change."""
 
-    projection: Projection
+    plane: Plane
     scale: FieldScale
     html: str
     """The page, but for its numbers."""
@@ -66,10 +66,12 @@ class Frame:
 
         latitude, longitude = route[0], np.unwrap(route[1])
         shown = channels_of(field_map)[0]
-        projection, scale = Projection.of(latitude, longitude), field_scale(shown)
+        # whatever is drawn at one place is stretched alike: by 2 % one degree off the middle at 37
+        middle = 0.5 * float(latitude.min() + latitude.max())
+        plane, scale = Plane.at(latitude[0], longitude[0], middle), field_scale(shown)
         # the page has no mathematics
         unit = scale.unit_name.replace("$10^{-5}$ m/s²", "mGal")
-        back = background(shown, projection, latitude, longitude, scale)
+        back = background(shown, plane, (latitude, longitude), scale)
         drawn = drawings(back, (scale.name, unit), end, chi_square_interval(1, 2))
         script, divisions = components({drawing.name: drawing.plot for drawing in drawn})
         lines = f"Lines of equal value every {back.coarse.step:g}"
@@ -86,12 +88,12 @@ class Frame:
             lines=f"{lines} {unit}.",
             version=isogal.__version__,
         )
-        return Frame(projection, scale, html)
+        return Frame(plane, scale, html)
 
     def payload(self, viewed: ViewedRun) -> str:
         """Return the numbers of a run as JSON."""
         return json.dumps(
-            payload(viewed, self.projection, self.scale), separators=(",", ":"), allow_nan=False
+            payload(viewed, self.plane, self.scale), separators=(",", ":"), allow_nan=False
         )
 
     def page(self, viewed: ViewedRun | None) -> str:
@@ -109,13 +111,8 @@ def write_view(path: str | Path, viewed: ViewedRun, field_map: "RouteMap") -> Pa
         Bokeh is not installed, or the file cannot be written.
     """
     runs = viewed.runs
-    frame = Frame.of(
-        viewed.title,
-        viewed.subtitle,
-        float(runs.elapsed[-1]) / 3600.0,
-        (runs.latitude, runs.longitude),
-        field_map,
-    )
+    end, route = float(runs.elapsed[-1]) / 3600.0, (runs.latitude, runs.longitude)
+    frame = Frame.of(viewed.title, viewed.subtitle, end, route, field_map)
     write_atomic(path, frame.page(viewed))
     return Path(path)
 
