@@ -9,7 +9,6 @@ from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
-from sensor_msgs.msg import MagneticField
 
 from gravimeter_node.vehicle import Vehicle
 from isogal.arrays import Array
@@ -77,6 +76,7 @@ class GravimeterNode(GraphNode[GravimeterSettings]):
         self._adapter = adapter_of(self.scenario)
         is_magnetic = self._adapter.raw is topics.MAGNETIC_FIELD
         self._vehicle = Vehicle(self, self._enqueue) if is_magnetic else None
+        self._use = self._enqueue if self._vehicle is None else self._vehicle.put
         raw_topic = self._adapter.raw
         if self.settings.simulate:
             self._sensed, vectors = simulated_readings(self.scenario, self.settings.run)
@@ -90,7 +90,10 @@ class GravimeterNode(GraphNode[GravimeterSettings]):
             self._thinning, self._time_jumps = Thinning(interval), TimeJumps(GAP * interval)
             self.listen(self._adapter.raw, self._take)
             if self._vehicle is not None:
-                self.listen(topics.SCALAR_FIELD, self._take_scalar)
+                self.listen(
+                    topics.SCALAR_FIELD,
+                    lambda one: self._read(to_ns(one.header.stamp), *read_scalar(one)),
+                )
         self._outputs = []
         reduced = self.scenario.readings.reduced
         for field in [matched] if reduced else of_instrument(matched.instrument):
@@ -99,7 +102,7 @@ class GravimeterNode(GraphNode[GravimeterSettings]):
             consumers = (topics.PMHT_MM, topics.INS_SIM) if is_matched else ()
             publisher = self.advertise(adapter.reduced, consumers)
             self._outputs.append((field.reduction(self.scenario), adapter, publisher))
-        self._queue = NavQueue(self, self.scenario, self._reduce)
+        self._queue = NavQueue(self, self._reduce)
         self.offer_reset(self._reset)
 
     def _reset(self) -> str:
@@ -129,9 +132,6 @@ class GravimeterNode(GraphNode[GravimeterSettings]):
                 return
         self._read(to_ns(message.header.stamp), *self._adapter.read_raw(message))
 
-    def _take_scalar(self, message: MagneticField) -> None:
-        self._read(to_ns(message.header.stamp), *read_scalar(message))
-
     def _read(self, ns: int, sensed: Reading, variance: Reading | None) -> None:
         require_later(ns, self._newest)
         if self._newest >= 0:
@@ -141,10 +141,6 @@ class GravimeterNode(GraphNode[GravimeterSettings]):
             self._use(ns, sensed, self._variance if variance is None else variance)
         else:
             self.health.count("readings between scans")
-
-    def _use(self, ns: int, sensed: Reading, variance: Reading) -> None:
-        take = self._enqueue if self._vehicle is None else self._vehicle.put
-        take(ns, sensed, variance)
 
     def _enqueue(self, ns: int, sensed: Reading, variance: Reading) -> None:
         if np.isnan(sensed).all():

@@ -61,18 +61,15 @@ class Vehicle:
         """Publish what the simulated vector instrument senses, and take it."""
         if (vector := self._vectors.get(ns)) is not None:
             sigma = self._node.scenario.true.magnetometer.vector_sigma
-            self._publisher.publish(write_vector(ns, vector, sigma**2))
-            self._take(ns, vector)
+            message = write_vector(ns, vector, sigma**2)
+            self._publisher.publish(message)
+            self.take_vector(message)
 
     def take_vector(self, message: MagneticField) -> None:
         """Take a message of the vector instrument."""
         if self._stream is not None:
-            self._take(to_ns(message.header.stamp), read_vector(message))
-
-    def _take(self, ns: int, vector: Array) -> None:
-        if self._stream is not None:
-            self._stream.vector(to_seconds(ns), vector)
-            self._pass_on()
+            self._stream.vector(to_seconds(to_ns(message.header.stamp)), read_vector(message))
+            self._pass_on(self._stream)
 
     def put(self, ns: int, total: Reading, variance: Reading) -> None:
         """Take a total field; it is used once the vehicle's own field is known."""
@@ -80,10 +77,10 @@ class Vehicle:
             self._use(ns, total, variance)
             return
         self._stream.scalar(to_seconds(ns), float(total), (ns, total, variance))
-        self._pass_on()
+        self._pass_on(self._stream)
 
-    def _pass_on(self) -> None:
-        for clean, (ns, total, variance) in self._stream.ready() if self._stream else ():
+    def _pass_on(self, stream: CompensatedStream[tuple[int, Reading, Reading]]) -> None:
+        for clean, (ns, total, variance) in stream.ready():
             silent = np.isnan(clean).all() and not np.isnan(total)
             text = "no readings of the vector magnetometer" if silent else None
             self._node.health.concern("vector", text)

@@ -76,7 +76,6 @@ class LockStep:
         """Whether not all may answer: somebody left or came, and no whole step was answered since
         then."""
         self._known: frozenset[bytes] | None = None
-        self._without: set[str] = set()
         self._topics = {
             "nav": self._hear(topics.NAV_ODOM, self._take_nav),
             "fix": self._hear(topics.FIX, partial(self._take, "fix", self._lead)),
@@ -109,7 +108,9 @@ class LockStep:
             is_active = figures.get("active") != "False"
             if is_active == (name in self._inactive):
                 (self._inactive.discard if is_active else self._inactive.add)(name)
-                self._note(name, is_active)
+                self._change()
+                text = None if is_active else f"goes on without {name}, which is not active"
+                self._node.health.concern(f"without {name}", text)
 
     def start(self) -> None:
         """Take those who answer now as those who will answer."""
@@ -158,7 +159,10 @@ class LockStep:
             if self.changed and self._full:
                 self._absent = self.absent()
                 if not self._absent:
-                    self._all_again()
+                    self.changed = False
+                    self.start()
+                    self._node.health.concern("waiting", None)
+                    self._node.get_logger().info("all nodes answer again")
             self._go_on()
 
     def watch(self, waited: float) -> None:
@@ -192,13 +196,10 @@ class LockStep:
 
     def _missing(self) -> str:
         """Say what is still to come."""
-        lacking = []
-        if self._nav < 1 + self._fixes:
-            lacking.append(f"nav/odom ({self._nav} of {1 + self._fixes})")
-        if self._needs - {"fix"}:
-            lacking.append("the reduced reading")
-        if "fix" in self._needs:
-            lacking.append("pmht_mm/fix")
+        odometry = f"nav/odom ({self._nav} of {1 + self._fixes})"
+        lacking = [odometry] if self._nav < 1 + self._fixes else []
+        lacking += ["the reduced reading"] if self._needs - {"fix"} else []
+        lacking += ["pmht_mm/fix"] if "fix" in self._needs else []
         return f"missing {', '.join(lacking)} of stamp {to_seconds(self._ns):.3f} s"
 
     def _publishers(self) -> frozenset[bytes]:
@@ -215,24 +216,9 @@ class LockStep:
             if inactive.issuperset(self._node.publishers_of(topic).values())
         }
 
-    def _note(self, name: str, active: bool) -> None:
-        """Take a node that answers as gone, or as back."""
-        self._change()
-        text = None if active else f"goes on without {name}, which is not active"
-        (self._without.discard if active else self._without.add)(name)
-        self._node.health.concern(f"without {name}", text)
-
     def _change(self) -> None:
         """Note that not all may answer, until a whole step has been answered."""
         self.changed, self._full = True, False
-
-    def _all_again(self) -> None:
-        self.changed = False
-        self.start()
-        for name in ("waiting", *(f"without {name}" for name in self._without)):
-            self._node.health.concern(name, None)
-        self._without.clear()
-        self._node.get_logger().info("all nodes answer again")
 
 
 def _reading_of(field: int) -> str:

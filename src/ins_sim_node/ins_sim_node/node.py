@@ -46,7 +46,7 @@ class InsSimNode(GraphNode[InsSimSettings]):
         self._checkpoint = Checkpoint(self)
         found = self._checkpoint.found
         # its own checkpoint is how far it is: all else it simulates anew
-        self.step = found.content if found is not None and isinstance(found.content, int) else -1
+        self.step = -1 if found is None else int(found.content)
         """Index of the last step published; -1 = none, 0 = the start, which has no IMU sample."""
         if self.step >= 0:
             self.get_logger().info(f"goes on after step {self.step}")

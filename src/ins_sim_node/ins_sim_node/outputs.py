@@ -7,17 +7,10 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fields.simulated_vehicle import SimulatedVehicle
-from isogal.scenario import AnyAid, Gnss, HeadingAid, Height, PositionAid
-from isogal.scenario.aids import VERTICAL
+from isogal.scenario import HeadingAid
 from isogal_ros import topics
-from isogal_ros.messages.aids import (
-    aid_of,
-    fill_heading,
-    fill_position,
-    fill_pressure,
-    fill_twist,
-)
-from isogal_ros.messages.frames import ANTENNA, BASE, FRD_FLU, NED_ENU, framed, map_frame
+from isogal_ros.messages.aids import aid_of, fill_aid
+from isogal_ros.messages.frames import ANTENNA, BASE, framed, map_frame
 from isogal_ros.messages.imu import fill_imu, fill_noise
 from isogal_ros.messages.ins_solution import SolutionMessages
 from isogal_ros.messages.odometry import empty_odometry, fill_odom, read_odometry
@@ -25,24 +18,6 @@ from isogal_ros.messages.position import fill_fix
 from isogal_ros.messages.prepared import Prepared, write
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
-from isogal_ros.topics import Message
-
-
-def _fill(message: Message, ns: int, value: Array, aid: AnyAid, really: AnyAid) -> None:
-    """Write what an aid measures at a stamp (ns) into its message: what it believes of its errors,
-    and a pressure as it really is."""
-    match aid, really:
-        case Height(), Height():
-            fill_pressure(message, ns, float(value), really)
-        case Gnss(), _:
-            sigma = np.array([1.0, 1.0, VERTICAL]) * (aid.velocity_sigma or 0.0)
-            fill_twist(message, ns, NED_ENU @ value, sigma**2)
-        case PositionAid(), _:
-            fill_position(message, ns, value, aid)
-        case HeadingAid(), _:
-            fill_heading(message, ns, float(value), aid)
-        case _:
-            fill_twist(message, ns, value * FRD_FLU)
 
 
 class Aids:
@@ -78,7 +53,7 @@ class Aids:
             # a receiver without satellites says so, a sensor without a heading says nothing
             if value is None or (isinstance(aid, HeadingAid) and np.isnan(value)):
                 continue
-            _fill(message, ns - late * self._step_ns, value, aid, really)
+            fill_aid(message, ns - late * self._step_ns, value, aid, really)
             publisher.publish(message)
 
 

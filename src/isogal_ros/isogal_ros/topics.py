@@ -124,16 +124,19 @@ _AIDS: Mapping[str, Mapping[str, type[Message]]] = {
     "velocity": {"data_raw": TwistWithCovarianceStamped},
     "heading": {"data_raw": Imu},
 }
-"""What sensors beside the IMU publish, by what they measure: one that says where the vehicle is,
-either a position on the Earth or one in the frame ``map``; of a heading's orientation only the yaw
-is used."""
+"""What sensors beside the IMU publish, by how the names of their topics begin: one that says where
+the vehicle is, either a position on the Earth or one in the frame ``map``; of a heading's
+orientation only the yaw is used."""
+_SPACES = {"height": "barometer"}
+"""How they begin where that is not the scenario's word."""
 
 
 def aid_topics(kind: str, name: str | None = None) -> tuple[Topic, ...]:
-    """Return the topics of a sensor of a kind (of `_AIDS`), of which it publishes one, by its name
-    in the scenario's list; None = it has none."""
-    space = kind if name is None else f"{kind}/{name}"
-    return tuple(Topic(f"{space}/{end}", of, (UKF_FUSION,)) for end, of in _AIDS[kind].items())
+    """Return the topics of a sensor of a kind (the `stem` of its section), of which it publishes
+    one, by its name in the scenario's list; None = it has none."""
+    begin = _SPACES.get(kind, kind)
+    space = begin if name is None else f"{begin}/{name}"
+    return tuple(Topic(f"{space}/{end}", of, (UKF_FUSION,)) for end, of in _AIDS[begin].items())
 
 
 def aid_topic(name: str) -> Topic | None:

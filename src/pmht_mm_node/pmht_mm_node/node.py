@@ -14,10 +14,9 @@ from isogal.maps.channels import ChannelMap, RouteMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.several import each_map
 from isogal.maps.tiled_map import TiledMap
-from isogal.matching.interfaces import Batch, Matcher
+from isogal.matching.interfaces import Matcher
 from isogal.matching.map_matching import MapMatching
 from isogal.matching.registry import build_run_matcher
-from isogal.matching.scans import Collected
 from isogal.scenario import Scenario, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros import topics
@@ -40,24 +39,11 @@ def checkpoint_of(node: GraphNode, field_map: RouteMap, matcher: Matcher) -> Che
 
     def map_of(known: Any) -> Any:
         batch = known["batch"]
-        if not isinstance(batch, Batch):
-            raise TypeError("a map of no batch")
         return field_map.near(batch.latitude, batch.longitude)
 
     packages = {"isogal", type(matcher).__module__.partition(".")[0]}
     maps = FieldMap | ChannelMap | TiledMap
     return Checkpoint(node, lambda value: isinstance(value, maps), map_of, packages)
-
-
-def are_scans(collected: tuple[Collected, ...]) -> bool:
-    """Whether what a checkpoint has of each field are scans at places."""
-    return all(
-        isinstance(one, Collected)
-        and all(
-            np.isfinite([scan.time, scan.latitude, scan.longitude]).all() for scan in one.scans
-        )
-        for one in collected
-    )
 
 
 def warm_up(scenarios: Sequence[Scenario], maps: Sequence[RouteMap]) -> None:
@@ -112,7 +98,7 @@ class PmhtMmNode(GraphNode):
         self._reductions = [measured_field(one).reduction(one) for one in each]
         warm_up(each, maps)
         self.outputs = Outputs(self)
-        self.scans = Scans(self, self.scenario, self._first, self._scan)
+        self.scans = Scans(self, self._first, self._scan)
         its_map = maps[self._matching.lead]
         self._checkpoint = checkpoint_of(self, its_map, self._matching.matcher)
         self.offer_reset(self._reset)
@@ -146,7 +132,7 @@ class PmhtMmNode(GraphNode):
     def _first(self, nav: NavSample) -> None:
         """Go on from what an earlier process has left, or begin."""
         saved = self._checkpoint.take(nav.ns)
-        if saved is not None and are_scans(saved.content[0]):
+        if saved is not None:
             collected, self._matching.memory, last = saved.content
             self._matching.batches.restore(collected)
             self.scans.go_on(last)

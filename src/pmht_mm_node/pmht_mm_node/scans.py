@@ -8,7 +8,6 @@ from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.joint_batches import JointBatches
 from isogal.matching.update_schedule import UpdateSchedule
-from isogal.scenario import Assumed
 from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamps import from_seconds, to_seconds
@@ -38,16 +37,14 @@ class _Field:
         return max(self.newest, 0) + self.interval
 
 
-class Scans:
+class Scans(NavQueue[tuple[int, Reading]]):
     """Holds readings until the navigator's state of their stamp is there, and those of other
     fields up to it, or their time is over.
 
     Parameters
     ----------
     node : GraphNode
-        Listens and tells its health.
-    assumed : Assumed
-        Says how far scans are apart.
+        Listens and tells its health; its scenario says how far scans are apart.
     first : callable
         Called with the navigator's state of the first scan before it is taken; may set `last`.
     taken : callable
@@ -59,20 +56,19 @@ class Scans:
     def __init__(
         self,
         node: GraphNode,
-        assumed: Assumed,
         first: Callable[[NavSample], None],
         taken: Callable[[int, NavSample, Array | float, Array | float], None],
     ) -> None:
-        self._health, self._first, self._taken = node.health, first, taken
-        each = assumed.each_field
+        super().__init__(node, self._take_scan)
+        self._first, self._taken = first, taken
+        each = node.scenario.each_field
         self._fields = [_Field(from_seconds(one.gravimeter.interval)) for one in each]
-        self._names, self._lead = assumed.field_names, UpdateSchedule.of(each).lead
+        self._names, self._lead = node.scenario.field_names, UpdateSchedule.of(each).lead
         self._begun = False
         self.ended = -1
         """Stamp of the last batch end, ns; readings up to it are too late."""
         self.guessed = False
         """Whether the navigator said nothing of the last scan, so that its state is a guess."""
-        self._queue = NavQueue(node, assumed, self._process, self._look, self._in_turn)
 
     @property
     def last(self) -> tuple[int, ...]:
@@ -88,34 +84,26 @@ class Scans:
 
     def begin_anew(self) -> None:
         """Forget all that has come: time may begin anew."""
-        self._queue.begin_anew()
+        super().begin_anew()
         for field in self._fields:
             field.newest = -1
         self.go_on([-1] * len(self._fields))
 
-    @property
-    def silent(self) -> str | None:
-        """That the navigator has gone on without a reading for long; None = it has not."""
+    def arrived(self) -> None:
+        """Say that readings fail to come while the navigator goes on, by the time of the
+        stamps."""
+        said = None
         for name, field in zip(self._names, self._fields, strict=True):
-            gone = self._queue.newest - field.newest
+            gone = self.newest - field.newest
             if field.newest >= 0 and gone > SILENT * field.interval:
                 of = f" of {name}" if len(self._fields) > 1 else ""
-                return f"no readings{of} for {to_seconds(gone):.0f} s"
-        return None
-
-    def _look(self) -> None:
-        """Say that readings fail to come, by the time of the stamps."""
-        self._health.concern("silent", self.silent)
+                said = f"no readings{of} for {to_seconds(gone):.0f} s"
+        self._health.concern("silent", said)
 
     def before(self, ns: int, field: int = 0) -> int:
         """Return how many scans of a field there have been before the one of a stamp, counted from
         zero."""
         return max(round(ns / self._fields[field].interval) - 1, 0)
-
-    @property
-    def waiting(self) -> int:
-        """Number of readings for which the navigator's state is still to come."""
-        return len(self._queue.waiting)
 
     def begin(self, ns: int, field: int = 0) -> None:
         """Note that a reading of a stamp came, whatever is in it; raises BadMessageError unless it
@@ -128,18 +116,18 @@ class Scans:
     def add(self, ns: int, reading: Reading, field: int = 0) -> None:
         """Take a reading and its variance; NaN = the scan took place and gave nothing."""
         rank = len(self._fields) if field == self._lead else field
-        self._queue.put(ns, (field, reading), rank)
+        self.put(ns, (field, reading), rank)
 
-    def _in_turn(self, ns: int) -> bool:
+    def in_turn(self, ns: int) -> bool:
         """Whether no field may still give a reading up to a stamp: none is due, or the navigator
         has gone on by an interval since."""
-        now = self._queue.newest
-        return all(one.due > ns or now >= one.due + one.interval for one in self._fields)
+        each = self._fields
+        return all(one.due > ns or self.newest >= one.due + one.interval for one in each)
 
     def correct(self, builder: JointBatches, until: int) -> None:
         """Tell a builder of the navigator's jumps before a stamp (ns), and of the gaps in its
         states that ended by then."""
-        for change in self._queue.take_changes(until):
+        for change in self.take_changes(until):
             if isinstance(change, Jump):
                 builder.correct(to_seconds(change.ns), change.change)
                 continue
@@ -148,7 +136,7 @@ class Scans:
                 times = to_seconds(before.ns), to_seconds(after.ns)
                 builder.bridge(times[0], before.covariance, times[1], after.covariance)
 
-    def _process(self, ns: int, item: tuple[int, Reading], nav: NavSample | None) -> None:
+    def _take_scan(self, ns: int, item: tuple[int, Reading], nav: NavSample | None) -> None:
         if nav is None:
             return
         k, reading = item
@@ -170,7 +158,7 @@ class Scans:
         for stamp in stamps:
             self._health.count("scans missing")
             try:
-                nav = self._queue.at(stamp)
+                nav = self.at(stamp)
             except BadMessageError:
                 nav = None
             # without a reading it does not matter much where the navigator was

@@ -55,17 +55,13 @@ class Verdict:
         self._failures = self._failures + 1 if fix.failed else 0
         misfit = not fix.published and fix.diagnostics.get(UNEXPLAINED, 0.0) > LIKELY
         self._misfits = self._misfits + 1 if misfit else 0
-        self._count(fix)
-        self.level, self.text = self._judge(fix)
-
-    def _count(self, fix: Fix) -> None:
-        """Count the fixes since the navigator was found."""
-        if self.found or self._lost or (self._agreed is not None and self._misfits):
+        if self.found or self._lost or (self._agreed is not None and misfit):
             self._agreed = 0
         elif self._agreed is not None:
             self._agreed += fix.published
         if self._agreed == AGREED:
             self._agreed = None
+        self.level, self.text = self._judge(fix)
 
     def _judge(self, fix: Fix) -> tuple[bytes, str]:
         why = f"{self._without} batches without a fix: {fix.reason}"
@@ -79,20 +75,13 @@ class Verdict:
             return ERROR, why
         if self._misfits or self._failures or self._without >= FEW:
             return WARN, why
-        if (doubt := _doubt(fix)) is not None:
-            return WARN, doubt
+        for name, words in DOUBTS.items():
+            if fix.diagnostics.get(name, 0.0) > CERTAIN:
+                return WARN, f"the readings do not fit what is specified: {words}"
         if self._agreed is not None:
             words = f"{self._agreed} fixes have agreed with it; {AGREED} are wanted"
             return WARN, f"the navigator was lost and has been told where it is: {words}"
         return OK, "matching" if fix.reason != SATELLITES else f"matching; {SATELLITES}"
-
-
-def _doubt(fix: Fix) -> str | None:
-    """Return what is probably not as specified; None where it may all be so."""
-    for name, words in DOUBTS.items():
-        if fix.diagnostics.get(name, 0.0) > CERTAIN:
-            return f"the readings do not fit what is specified: {words}"
-    return None
 
 
 class Report:

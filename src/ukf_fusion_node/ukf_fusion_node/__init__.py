@@ -4,8 +4,7 @@ node           subscriptions: IMU samples, fixes and the information that belong
 settings       the node's own parameters
 beginning      the filter's first state: which of several, or one that a user gives
 navigation     the filter from its start on, and what survives a restart
-sample_checks  what is wrong with IMU samples that could each be right
-sample_report  what is said of samples that are missing, and of an alignment
+sample_checks  what is wrong with IMU samples that could each be right, and which are missing
 solution       an INS in place of the samples
 aids           sensors beside the IMU
 fixes          fixes applied to the filter, each once

@@ -1,65 +1,41 @@
 """Readings of sensors beside the IMU: when they are due, and what the filter does with them."""
 
-import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped, TwistWithCovarianceStamped
-from numpy.typing import ArrayLike
-from sensor_msgs.msg import FluidPressure, Imu, NavSatFix
 from std_srvs.srv import SetBool
 
-from isogal.arrays import Array
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import (
-    Innovation,
-    Measurement,
-    reading_of,
-)
-from isogal.scenario import Gnss, HeadingAid, Height, PositionAid, Velocity
-from isogal.sensors.barometer import height_of
-from isogal_ros.messages.aids import (
-    Aid,
-    each_aid,
-    read_heading,
-    read_pose_position,
-    read_position_fix,
-    read_pressure,
-    read_velocity,
-)
+from isogal.fusion.measurements import reading_of
+from isogal.fusion.state import FilterState
+from isogal_ros import topics
+from isogal_ros.messages.aids import Aid, Reading, each_aid, read_aid
 from isogal_ros.messages.checks import BadMessageError
-from isogal_ros.messages.frames import NED_ENU, map_frame
-from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
+from isogal_ros.messages.frames import map_frame
+from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns, to_seconds
 from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import OK, status
 from isogal_ros.topics import Message, Topic
-from ukf_fusion_node.measuring import AidReport, Describe, Measured
+from ukf_fusion_node.measuring import Measured
 from ukf_fusion_node.settings import UkfFusionSettings
 from ukf_fusion_node.stamp_queue import StampQueue
 
-_KNOTS = 1.94384
-_PRESSURE_UNITS = {"hPa": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5}
-_Read = tuple[Callable[[Array], Measurement | None], Describe | None]
-"""What returns the measurement for the angular rate (3,) of its time (None = there is no number),
-and what says of one that cannot be right what is wrong with it (None = its reason does)."""
 NO_FIX = "the receiver has no fix"
 NO_NAVIGATOR = "there was no navigator yet"
 SWITCHED_OFF = "switched off by the service toggle"
+SIGMA = "horizontal 1-sigma"
 
 
 @dataclass
 class _Source:
     """Readings of one topic that wait for the navigator to reach their stamps."""
 
-    interval: int
-    """ns between readings."""
-    delay: int
-    """ns by which they come later than their stamps."""
+    aid: Aid
     publishers: Callable[[], int]
     measured: Measured
-    waiting: StampQueue[_Read]
+    waiting: StampQueue[Reading | None]
     is_on: bool = True
     """Whether nobody has switched it off."""
     newest: int = -1
@@ -68,8 +44,9 @@ class _Source:
     def is_due(self, ns: int, now: int, begin: int) -> bool:
         """Whether a reading of a stamp up to `ns` is still to come; it is waited for as long as
         another one would take, by the newest stamp `now` that has come."""
-        due = (begin if self.newest < 0 else self.newest) + self.interval + self.delay
-        return due <= ns and now < due + self.interval and self.publishers() > 0
+        interval, delay = map(from_seconds, (self.aid.settings.interval, self.aid.settings.delay))
+        due = (begin if self.newest < 0 else self.newest) + interval + delay
+        return due <= ns and now < due + interval and self.publishers() > 0
 
 
 class Aids:
@@ -88,17 +65,20 @@ class Aids:
 
     def __init__(self, node: GraphNode[UkfFusionSettings], advance: Callable[[], None]) -> None:
         self._scenario, self._advance = node.scenario, advance
-        self._frame, self._map = node.settings.velocity_frame, map_frame(node.scenario)
+        self._frames = map_frame(node.scenario), node.settings.velocity_frame
         self._sources: dict[str, _Source] = {}
         self._first = sys.maxsize
         """Stamp of the first IMU sample."""
-        each = []
+        self._each = [(aid.topic, *aid.instead) for aid in each_aid(node.scenario)]
         for aid in each_aid(node.scenario):
-            either = aid.topic, *aid.instead
-            for topic in either:
+            for topic in (aid.topic, *aid.instead):
                 self._add(node, topic, aid)
-            each.append({topic.name: self._sources[topic.name].measured for topic in either})
-        self._report = AidReport(node, each)
+        self._publisher, self._message = node.advertise(topics.NAV_AIDS), topics.NAV_AIDS.type()
+        self._period = from_seconds(node.settings.diagnostics_period)
+        self._space = f"{node.get_namespace().strip('/')}/".lstrip("/")
+        self._said: list[str] = []
+        """Which aids were said to be in use, at a stamp (ns)."""
+        self._said_at = -1
 
     def _add(self, node: GraphNode[UkfFusionSettings], topic: Topic, aid: Aid) -> None:
         """Listen to a topic of an aid, and offer the service toggle/<topic>, which says whether it
@@ -107,7 +87,7 @@ class Aids:
         def take(message: Message) -> None:
             ns = to_ns(message.header.stamp)
             try:
-                source.waiting.add(ns, self._read(aid, message))
+                source.waiting.add(ns, read_aid(message, aid.settings, *self._frames))
             except BadMessageError as error:
                 source.measured.absent(str(error))
                 raise
@@ -119,12 +99,10 @@ class Aids:
             response.message = f"{topic.name} is {'used' if request.data else 'not used'}"
             return response
 
-        interval = aid.settings.interval
         publishers = node.listen(topic, take).get_publisher_count
-        measured = Measured(topic.name, node.health, interval)
-        times = from_seconds(interval), from_seconds(aid.settings.delay)
-        waiting = StampQueue[_Read](from_seconds(node.settings.max_gap))
-        source = self._sources[topic.name] = _Source(*times, publishers, measured, waiting)
+        measured = Measured(topic.name, node.health, aid.settings.interval)
+        waiting = StampQueue[Reading | None](from_seconds(node.settings.max_gap))
+        source = self._sources[topic.name] = _Source(aid, publishers, measured, waiting)
         node.create_service(SetBool, f"toggle/{topic.name}", toggle)
 
     def are_due(self, ns: int, now: int) -> bool:
@@ -141,19 +119,53 @@ class Aids:
         of it by more than a gap in its samples may be are of another clock: it refuses them."""
         if navigator is None:
             return
-        self._report.tick(ns, navigator)
+        if self._sources:
+            self._tell(ns, navigator)
         for source in self._sources.values():
-            for stamp, (reading, describe) in source.waiting.due(ns):
+            for stamp, reading in source.waiting.due(ns):
                 if stamp > ns:
                     source.newest = ns
-                time = to_seconds(stamp)
-                if not source.is_on:
-                    source.measured.absent(SWITCHED_OFF)
-                elif (measurement := reading(navigator.sample_at(time)[1])) is None:
-                    source.measured.absent(NO_FIX)
-                else:
-                    result = navigator.measure(time, measurement)
-                    source.measured.take(stamp, result, describe)
+                self._use(source, stamp, reading, navigator)
+
+    def _use(
+        self, source: _Source, ns: int, reading: Reading | None, navigator: InertialNavigator
+    ) -> None:
+        """Measure with a reading of a stamp, or say why not."""
+        if not source.is_on:
+            source.measured.absent(SWITCHED_OFF)
+            return
+        measurement, time = None, to_seconds(ns)
+        if reading is not None:
+            value, stated = reading
+            rate = navigator.sample_at(time)[1]
+            measurement = reading_of(source.aid.settings, value, self._scenario, rate, stated)
+        if measurement is None:
+            source.measured.absent(NO_FIX)
+        else:
+            source.measured.take(ns, navigator.measure(time, measurement))
+
+    def _tell(self, ns: int, navigator: InertialNavigator) -> None:
+        """Publish the state of each aid on nav/aids at a stamp (ns), once a period and when one is
+        lost or comes back. Of one that may come on several topics nothing is said of those on
+        which it never came, but of the first where it has not come at all."""
+        found = {name: source.measured for name, source in self._sources.items()}
+        in_use = [name for name, one in found.items() if one.in_use(ns)]
+        if in_use == self._said and 0 <= ns - self._said_at < self._period:
+            return
+        self._said, self._said_at = in_use, ns
+        set_stamp(self._message.header.stamp, ns)
+        self._message.status = [
+            found[one.name].status(self._space + one.name, one.name in in_use)
+            for either in self._each
+            for one in [one for one in either if found[one.name].has_come] or either[:1]
+        ]
+        text, figures = "no satellites are used", {SIGMA: _sigma(navigator.state)}
+        if (without := navigator.without_satellites) is not None:
+            sigma = _sigma(without.after.merged)
+            text = f"without satellites since {without.since:.0f} s it would be {sigma:.0f} m"
+            figures |= {f"{SIGMA} without satellites": sigma, "without since": without.since}
+        self._message.status.append(status(self._space + topics.NAVIGATOR, OK, text, figures))
+        self._publisher.publish(self._message)
 
     def pass_by(self, ns: int) -> None:
         """Let the readings up to a stamp go, at which there is no navigator yet."""
@@ -168,57 +180,7 @@ class Aids:
             source.waiting.forget()
             source.newest = source.measured.newest = -1
 
-    def _read(self, aid: Aid, message: Message) -> _Read:
-        """Return the reading that a message of an aid is; raises BadMessageError where it cannot
-        be used."""
-        found: tuple[ArrayLike, ArrayLike | None] | None
-        describe: Describe | None
-        match aid.settings, message:
-            case Height() as sensor, FluidPressure():
-                pressure, height, variance = read_pressure(message, sensor)
-                found = height, variance
-                describe = partial(_unlikely_pressure, pressure, sensor)
-            case Velocity() as sensor, TwistWithCovarianceStamped():
-                velocity, covariance = read_velocity(message, self._frame)
-                velocity[[axis for axis in range(3) if axis not in sensor.axes]] = np.nan
-                found, describe = (velocity, covariance), _unlikely_velocity
-            case Gnss(), TwistWithCovarianceStamped():
-                found, describe = read_velocity(message, "", NED_ENU), _unlikely_velocity
-            case HeadingAid(), Imu():
-                found, describe = read_heading(message), _turned
-            case PositionAid(), NavSatFix():
-                found, describe = read_position_fix(message), None
-            case PositionAid(), PoseWithCovarianceStamped():
-                found, describe = read_pose_position(message, self._map), None
-            case _:
-                raise TypeError(f"no reading of {type(aid.settings).__name__}")
-        if found is None:
-            return lambda _: None, describe
-        value, stated = found
-        return partial(reading_of, aid.settings, value, self._scenario, stated=stated), describe
 
-
-def _turned(seen: Innovation) -> str:
-    """Say how far off a heading is that cannot be right."""
-    return f"heading {math.degrees(seen.innovation[0]):.1f} deg from the estimate"
-
-
-def _unlikely_pressure(pressure: float, settings: Height, seen: Innovation) -> str:
-    """Say what is wrong with a pressure (Pa) that cannot be right."""
-    text = (
-        f"{pressure:g} Pa is a height of {seen.measured[0]:.0f} m, where"
-        f" {seen.expected[0]:.0f} m was expected"
-    )
-    for unit, factor in _PRESSURE_UNITS.items():
-        if abs(float(height_of(factor * pressure, settings)) - seen.expected[0]) < 2000.0:
-            return f"{text}: is it {unit} instead of Pa?"
-    return text
-
-
-def _unlikely_velocity(seen: Innovation) -> str:
-    """Say what is wrong with a velocity that cannot be right."""
-    size, expected = (float(np.linalg.norm(one)) for one in (seen.measured, seen.expected))
-    text = f"speed of {size:.2f} m/s where {expected:.2f} m/s was expected"
-    if abs(size / max(expected, 1e-3) / _KNOTS - 1.0) < 0.05:
-        return f"{text}: is it knots instead of m/s?"
-    return text
+def _sigma(state: FilterState) -> float:
+    """Return the 1-sigma of the position along the worst horizontal direction, m."""
+    return float(np.sqrt(np.linalg.eigvalsh(state.covariance[:2, :2])[-1]))

@@ -2,7 +2,7 @@
 scenario's start, or with an alignment."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -54,26 +54,18 @@ def initial_state(truth: Truth, settings: UkfFusionSettings) -> Estimate:
 
 def with_given(settings: UkfFusionSettings, state: Estimate) -> Estimate:
     """Return a start with what the parameters give of it; raises InputError as `initial_state`."""
-    parts = {
-        name: np.array(getattr(settings, name), dtype=float)
-        for name in ("start_position", "start_velocity", "start_attitude")
-    }
-    for name, value in parts.items():
-        if np.isnan(value).any() and not np.isnan(value).all():
-            raise InputError(f"{name}: give all three numbers, or none")
-    given = {name: value for name, value in parts.items() if not np.isnan(value).any()}
     state = Estimate(*(part.copy() for part in state))
-    if "start_position" in given:
-        latitude, longitude, height = given["start_position"]
-        if not (abs(latitude) <= 89.9 and abs(longitude) <= 360.0 and math.isfinite(height)):
-            raise InputError(
-                f"start_position: no such place: {latitude}, {longitude} deg, {height} m"
-            )
-        state.position[:] = math.radians(latitude), math.radians(longitude), height
-    if "start_velocity" in given:
-        state.velocity[:] = given["start_velocity"]
-    if "start_attitude" in given:
-        state.attitude[:] = from_angles(*np.radians(given["start_attitude"]))
+    for name, part in zip(("position", "velocity", "attitude"), state, strict=True):
+        value = np.array(getattr(settings, f"start_{name}"), dtype=float)
+        if np.isnan(value).all():
+            continue
+        if not np.isfinite(value).all():
+            raise InputError(f"start_{name}: give all three numbers, or none")
+        if name == "position":
+            if abs(value[0]) > 89.9 or abs(value[1]) > 360.0:
+                raise InputError(f"start_position: no such place: {value[0]}, {value[1]} deg")
+            value[:2] = np.radians(value[:2])
+        part[:] = from_angles(*np.radians(value)) if name == "attitude" else value
     return state
 
 
@@ -84,15 +76,14 @@ LOWEST = -12e3
 
 
 def placed(
-    state: FilterState, message: PoseWithCovarianceStamped, frame: LocalFrame, begun: bool
+    state: FilterState, message: PoseWithCovarianceStamped, frame: LocalFrame, turns: bool
 ) -> FilterState:
     """Return a state at a pose, with the biases of another state.
 
     Of z, of roll and pitch, and of yaw what has a variance of zero stands as the other state has
-    it: RViz has one of yaw only, and a place in the plane of the map says no height. A navigator
-    that is not turned keeps its velocity; of one that is turned, which a pose does not say, it is
-    the other's speed straight ahead. One that has not begun is always turned, by a yaw without
-    variance with that of the other.
+    it: RViz has one of yaw only, and a place in the plane of the map says no height. A state that
+    is not turned keeps its velocity; of one that is turned, which a pose does not say, it is the
+    other's speed straight ahead.
 
     Parameters
     ----------
@@ -101,8 +92,8 @@ def placed(
     message : PoseWithCovarianceStamped
     frame : LocalFrame
         The frame ``map``.
-    begun : bool
-        Whether the other is that of a navigator.
+    turns : bool
+        Whether the orientation counts; that of a yaw without variance with the other's.
 
     Raises
     ------
@@ -127,7 +118,7 @@ def placed(
     local = to_ned @ covariance[:3, :3] @ to_ned.T
     _write(P, slice(0, 2), local[:2, :2])
     _write(P, slice(2, 3), local[2:, 2:] if has_height else P[2:3, 2:3].copy())
-    if covariance[5, 5] > 0.0 or not begun:
+    if turns:
         rotation = to_ned @ matrix(turn) * FRD_FLU
         _turn(new, rotation, to_ned @ covariance[3:, 3:] @ to_ned.T, np.diag(covariance)[3:])
         _go_ahead(new)
@@ -141,11 +132,11 @@ def placed(
 def _require_usable(covariance: Array) -> None:
     """Raise BadMessageError where a filter cannot begin with the covariance (6, 6) of a pose."""
     require_covariance(covariance)
-    if min(covariance[0, 0], covariance[1, 1]) <= 0.0:
-        raise BadMessageError("the variances of x and y must be positive")
-    if max(covariance[0, 0], covariance[1, 1]) > LARGEST_SIGMA**2:
-        raise BadMessageError(f"the variances of x and y must be at most {LARGEST_SIGMA**2:g} m²")
-    if np.diag(covariance)[3:].max() > math.pi**2:
+    variances = np.diag(covariance)
+    if not 0.0 < variances[:2].min() <= variances[:2].max() <= LARGEST_SIGMA**2:
+        most = f"at most {LARGEST_SIGMA**2:g} m²"
+        raise BadMessageError(f"the variances of x and y must be positive, and {most}")
+    if variances[3:].max() > math.pi**2:
         raise BadMessageError(
             "the variances of the orientation must be at most π² rad², or 0 for the filter's own"
         )
@@ -243,16 +234,13 @@ class Beginning:
         self._placed = ns, state
         self._health.state(OK, "placed; waits for IMU samples")
 
-    def reset(self) -> None:
-        """Forget all but the scenario's start."""
+    def reset(self, why_not: str = "") -> None:
+        """Forget all but the scenario's start; that as well where something (`why_not`) was lost:
+        begin with a pose only, or with what needs no start."""
         self._checkpoint.forget()
         self._placed, self._why_not = None, ""
-
-    def give_up(self, why: str) -> None:
-        """Begin with a pose only, as what was known is lost; or with what needs no start."""
-        self._checkpoint.forget()
-        self._placed = None
-        self._wait_for_pose(why)
+        if why_not:
+            self._wait_for_pose(why_not)
 
     def _wait_for_pose(self, why: str) -> None:
         self._why_not = f"waits for a pose on initialpose: {why}"
@@ -264,40 +252,28 @@ class Beginning:
         first = ns if solution is not None else ns - from_seconds(1.0 / self._scenario.imu.rate)
         if self._placed is not None and self._fits_data(self._placed[0] or first, first):
             ns, state = self._placed
-            return self._at_the_pose(ns or first, state, first, solution)
-        saved = self._checkpoint.take(first)
-        if saved is not None and self._fits(saved.content):
+            if ns > first:
+                return None
+            if solution is not None:  # a pose says less of both, and they must be the INS's
+                state.velocity[:], state.attitude[:] = solution[3:6], solution[6:]
+            return Begun(ns or first, self.navigator(ns or first, state))
+        if (saved := self._checkpoint.take(first)) is not None:
             return Begun(saved.time, self.navigator(saved.time, *saved.content))
         if solution is not None:
             start = with_given(self._settings, Estimate(*np.split(solution, [3, 6])))
             return Begun(ns, self.navigator(ns, FilterState.start(start, self._model)), True)
         if self._scenario.fusion.start == "align":
-            return Begun(first, self._alignment(first), True)
+            alignment = Alignment(
+                self._model,
+                self.start.position,
+                to_seconds(first),
+                measured=self._scenario.gnss.used,
+                aim=self._scenario.fusion.align_to,
+                horizon=self._settings.horizon,
+                motion=self._motion,
+            )
+            return Begun(first, alignment, True)
         return self._at_the_start(first)
-
-    def _fits(self, content: Any) -> bool:
-        """Whether a checkpoint's content is a state of this filter."""
-        try:
-            state, (force, rate) = content
-            arrays, now = state.arrays(), self.start.arrays()
-            same = [a.shape == b.shape for a, b in zip(arrays, now, strict=True)]
-            same += [force.shape == (3,), rate.shape == (3,)]
-            finite = all(np.isfinite(array).all() for array in (*arrays, force, rate))
-            np.linalg.cholesky(state.covariance)
-        except (TypeError, AttributeError, ValueError, np.linalg.LinAlgError):
-            return False
-        return all(same) and finite
-
-    def _alignment(self, ns: int) -> Alignment:
-        return Alignment(
-            self._model,
-            self.start.position,
-            to_seconds(ns),
-            measured=self._scenario.gnss.used,
-            aim=self._scenario.fusion.align_to,
-            horizon=self._settings.horizon,
-            motion=self._motion,
-        )
 
     def _fits_data(self, ns: int, first: int) -> bool:
         """Whether a pose is of the time of the data; else it is dropped, and that is said."""
@@ -309,16 +285,6 @@ class Beginning:
         self._health.drop(INITIAL_POSE.name, text)
         return False
 
-    def _at_the_pose(
-        self, ns: int, state: FilterState, first: int, solution: Array | None
-    ) -> Begun | None:
-        """Begin at a pose of a stamp, if the data, at `first`, have reached it."""
-        if ns > first:
-            return None
-        if solution is not None:  # a pose says less of both, and they must be those of the INS
-            state.velocity[:], state.attitude[:] = solution[3:6], solution[6:]
-        return Begun(ns, self.navigator(ns, state))
-
     def _at_the_start(self, first: int) -> Begun | None:
         """Begin at the scenario's start if that is true at a stamp; else say what is waited
         for."""
@@ -329,8 +295,8 @@ class Beginning:
         start = from_seconds(given) if math.isfinite(given) else first
         margin = from_seconds(min(0.5 * self._model.dt, 1.0))
         if first < start - margin:
-            text = f"waits for the start at {to_seconds(start):.3f} s (start_time)"
-            self._health.state(WARN, text)
+            at = to_seconds(start)
+            self._health.state(WARN, f"waits for the start at {at:.3f} s (start_time)")
             return None
         if first <= start + from_seconds(self._settings.max_gap):
             # of a sample or two less than a millisecond apart the stamps are the same

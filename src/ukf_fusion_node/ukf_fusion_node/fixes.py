@@ -98,8 +98,8 @@ class Fixes:
         result = navigator.measure_all(parts)[-1]
         if not fix.published:
             return
-        for name, more in (("fixes accepted", result.used), ("fixes refused", not result.used)):
-            self._health.count(name, more)
+        self._health.count("fixes accepted", result.used)
+        self._health.count("fixes refused", not result.used)
         self._health.figures |= {
             "innovation north": float(result.innovation[0]),
             "innovation east": float(result.innovation[1]),

@@ -28,8 +28,7 @@ from isogal_ros.nodes.checkpoint import Checkpoint
 from isogal_ros.nodes.health import ERROR, WARN
 from isogal_ros.nodes.stuck import TimeJumps
 from ukf_fusion_node.beginning import Beginning, placed
-from ukf_fusion_node.sample_checks import SampleMonitor, Spikes, StuckError
-from ukf_fusion_node.sample_report import SampleReport
+from ukf_fusion_node.sample_checks import SampleMonitor, SampleReport
 from ukf_fusion_node.settings import UkfFusionSettings
 
 ROUNDED = 0.05
@@ -77,7 +76,7 @@ class Navigation:
         limits = node.settings.max_acceleration, node.settings.max_turn_rate
         # what an INS felt may well come twice, where it is at rest, or to its last digit
         noisy = (np.array(self.model.noise) > 0.0) & self._has_imu
-        self._monitor, self._spikes = SampleMonitor(*limits, node.monotonic, noisy), Spikes()
+        self._monitor = SampleMonitor(*limits, node.monotonic, noisy)
         node.watch("silent", lambda: self._monitor.silent, ERROR)
         self._warm_up()
 
@@ -101,8 +100,11 @@ class Navigation:
         Samples that were found untrue are forgotten (`back`), what was published of them is not:
         until there are later ones, it is what becomes of the state until the newest stamp
         published, if the vehicle goes on as it did."""
-        self._published = self.reached
-        return self._published, self._state_at(self._published), self.rate
+        ns = self._published = self.reached
+        assert self.navigator is not None
+        ahead = ns > self.ns
+        state = self.navigator.forecast(to_seconds(ns), self._height) if ahead else self.state
+        return ns, state, self.rate
 
     @property
     def reached(self) -> int:
@@ -122,12 +124,6 @@ class Navigation:
             return self.navigator.passage(to_seconds(self._fixed))
         except FilterDivergenceError:
             return None
-
-    def _state_at(self, ns: int) -> FilterState:
-        assert self.navigator is not None
-        if ns <= self.ns:
-            return self.state
-        return self.navigator.forecast(to_seconds(ns), self._height)
 
     def require_later(self, ns: int) -> None:
         """Raise BadMessageError unless a sample's stamp is later than the newest state's and than
@@ -154,15 +150,14 @@ class Navigation:
         BadMessageError
             It cannot be true.
         """
-        try:
-            self._monitor.take(force, rate)
-        except StuckError as error:
-            self.back(error.samples)
-            raise
+        untrue = self._monitor.take(force, rate)
+        if untrue is not None:
+            went_back = self.back(untrue.before)
+            if untrue.refused:
+                raise BadMessageError(untrue.why)
+            if went_back:
+                self._health.drop(self._inertial, untrue.why)
         self._health.concern("stuck", self._monitor.stuck)
-        untrue = self._spikes.take(force, rate)
-        if untrue and self.back(1):
-            self._health.drop(self._inertial, untrue)
         if self.navigator is None or stepped:
             return
         self.time_jumps.check(ns, self.ns)
@@ -206,10 +201,10 @@ class Navigation:
         BadMessageError
             The pose cannot be used, or the history does not reach its stamp.
         """
+        turns = self._has_imu and (self.navigator is None or pose.pose.covariance[-1] > 0.0)
         if self.navigator is None:
-            start = self._beginning.start.copy()
-            new = placed(start, pose, self._frame, begun=False)
-            self._beginning.place(ns, self._where(start, new))
+            start = self._beginning.start
+            self._beginning.place(ns, placed(start, pose, self._frame, turns))
             return
         if not (self.aligned or pose.pose.covariance[-1] > 0.0):
             raise BadMessageError("the variance of yaw must be positive: the heading is unknown")
@@ -221,24 +216,13 @@ class Navigation:
         if known is None:
             text = f"stamp {to_seconds(ns):.1f} s is ahead of the navigator"
             raise BadMessageError(f"{text} ({to_seconds(self.ns):.1f} s); 0 = now")
-        known = known.copy()
-        new = placed(known, pose, self._frame, begun=True)
-        navigator = self._beginning.navigator(ns, self._where(known, new))
+        navigator = self._beginning.navigator(ns, placed(known, pose, self._frame, turns))
         try:
             navigator.follow(self.navigator)
         except FilterDivergenceError as error:
             raise BadMessageError(str(error)) from None
         self._use(self.ns, navigator)
         self._fixed = ns
-
-    def _where(self, known: FilterState, placed: FilterState) -> FilterState:
-        """Return of a pose what counts."""
-        if self._has_imu:
-            return placed
-        known.position[:] = placed.position
-        known.covariance[:3], known.covariance[:, :3] = 0.0, 0.0
-        known.covariance[:3, :3] = placed.covariance[:3, :3]
-        return known
 
     def reset(self) -> str:
         """Forget all: navigate from the scenario's start where it fits the next sample, else from
@@ -270,14 +254,13 @@ class Navigation:
         BadMessageError
             It cannot be used.
         """
-        if interval is not None:
-            missing = to_seconds(ns - self.ns) - interval
-            self._report.gap(self.ns, missing + self.model.dt)
-            self._advance(ns, force, rate, missing if missing > AT_ONCE else 0.0)
-            yield
-            return
         if self._stream is None:
-            missing = self._report.gap(self.ns, to_seconds(ns - self.ns))
+            gap = to_seconds(ns - self.ns)
+            if interval is None:
+                missing = self._report.gap(self.ns, gap)
+            else:
+                missing = gap - interval if gap - interval > AT_ONCE else 0.0
+                self._report.gap(self.ns, gap - interval + self.model.dt)
             self._advance(ns, force, rate, missing)
             if declared is not None and self.navigator is not None:
                 self.navigator.measure(to_seconds(ns), SampleNoise(declared, self.model.dt))
@@ -327,7 +310,7 @@ class Navigation:
         """Navigate no longer, and go on from nothing that is known."""
         self.navigator = None
         self._report.begin()
-        self._beginning.give_up(why)
+        self._beginning.reset(why)
 
     @property
     def aligned(self) -> bool:

@@ -22,7 +22,7 @@ from ukf_fusion_node.fixes import Fixes
 from ukf_fusion_node.navigation import Navigation
 from ukf_fusion_node.outputs import Outputs, Smoothed
 from ukf_fusion_node.settings import UkfFusionSettings
-from ukf_fusion_node.solution import Solution, Solutions
+from ukf_fusion_node.solution import Solutions
 
 
 class UkfFusionNode(GraphNode[UkfFusionSettings]):
@@ -88,22 +88,18 @@ class UkfFusionNode(GraphNode[UkfFusionSettings]):
         if ns == 0 and self.samples > 1:  # the first of a recording may begin there
             raise BadMessageError("stamp is zero: not set")
         if self._solutions is not None:
-            self._take_solution(ns, message, self._solutions)
+            felt = self._solutions.samples(ns, message, self._navigation)
+            if self._navigation.navigator is None:
+                self._begins(ns, self._solutions.last)
+                return
+            for sample in felt:
+                self._take_sample(*sample)
             return
         force, rate, declared = read_imu(message, self.settings.imu_frame)
         # before anything is concluded from it: an old sample says nothing of those of now
         self._navigation.require_later(ns)
         used = require_noise(declared) if self.scenario.imu.declared_noise else None
         self._take_sample(ns, force, rate, declared=used)
-
-    def _take_solution(self, ns: int, message: Solution, solutions: Solutions) -> None:
-        """Take what an INS felt since its last solution for samples."""
-        found = solutions.samples(ns, message, self._navigation)
-        if self._navigation.navigator is not None:
-            for sample in found:
-                self._take_sample(*sample)
-            return
-        self._begins(ns, solutions.last)
 
     def _begins(self, ns: int, solution: Array | None = None) -> bool:
         if self._navigation.begin(ns, solution):

@@ -197,8 +197,8 @@ class Outputs:
         ns: int,
         state: FilterState,
         angular_rate: Array,
-        passage: Passage | None = None,
-        aligned: bool = True,
+        passage: Passage | None,
+        aligned: bool,
     ) -> None:
         """Publish a state.
 
@@ -215,36 +215,32 @@ class Outputs:
             A state that is not promises nothing: it is no fix, and has no protection level, path
             or transforms.
         """
-        covariance = state.covariance
-        latitude, longitude, height = state.position.tolist()
         # odometry first: a lock-step simulation goes on with it while the rest is made
-        self._publish_odometry(ns, state, angular_rate)
+        self.publish_odometry(ns, state, angular_rate, aligned)
         if aligned:
-            promise = self._integrity
-            of_position = covariance[:2, :2]
+            promise, of_position = self._integrity, state.covariance[:2, :2]
             level = protection_level(of_position, promise.risk, promise.correlation_time)
             write(self._m_level, ns, level[None])
             self._level.publish(self._m_level)
         fill_nav_covariance(self._m_covariance, ns, state.batch_prior, passage)
         self._covariance.publish(self._m_covariance)
         status = NavSatStatus.STATUS_FIX if aligned else NavSatStatus.STATUS_NO_FIX
-        fill_fix(self._m_fix, ns, latitude, longitude, height, covariance[:3, :3], status)
+        latitude, longitude, height = state.position.tolist()
+        covariance = state.covariance[:3, :3]
+        fill_fix(self._m_fix, ns, latitude, longitude, height, covariance, status)
         self._fix.publish(self._m_fix)
-        if not aligned:
-            return
-        pose = self._m_odom.numbers[POSE]
-        self._transforms.publish(ns, pose)
-        self._track.extend(ns, pose)
+        if aligned:
+            self._track.extend(ns, self._m_odom.numbers[POSE])
 
-    def publish_odometry(self, ns: int, state: FilterState, angular_rate: Array) -> None:
-        """Publish a state within a step on nav/odom and /tf only."""
-        self._publish_odometry(ns, state, angular_rate)
-        self._transforms.publish(ns, self._m_odom.numbers[POSE])
-
-    def _publish_odometry(self, ns: int, state: FilterState, angular_rate: Array) -> None:
+    def publish_odometry(
+        self, ns: int, state: FilterState, angular_rate: Array, aligned: bool = True
+    ) -> None:
+        """Publish a state on nav/odom and /tf only; see `publish`."""
         self.newest = ns
         fill_state(self._m_odom, ns, self._frame, state, angular_rate)
         self._odom.publish(self._m_odom)
+        if aligned:
+            self._transforms.publish(ns, self._m_odom.numbers[POSE])
 
 
 class Smoothed:

@@ -38,24 +38,20 @@ class UkfFusionSettings(NodeSettings):
     )
     sensor_frames: tuple[str, ...] = Field(
         (PLATFORM, ALTIMETER, MAGNETOMETER),
-        description=(
-            "frames published on /tf_static at base_link, unturned; empty where the vehicle's own"
-            " description does it"
-        ),
+        description="frames published on /tf_static at base_link, unturned; empty where the"
+        " vehicle's own description does it",
     )
     odometry_rate: float = Field(
         50.0,
         ge=0.0,
         le=1000.0,
-        description=(
-            "most messages a second on nav/odom and /tf where the IMU is faster than the filter's"
-            " steps, Hz; 0 = one a step"
-        ),
+        description="most messages a second on nav/odom and /tf where the IMU is faster than the"
+        " filter's steps, Hz; 0 = one a step",
     )
     path_interval: float = Field(
         60.0,
         gt=0.0,
-        description=("time between poses kept for nav/path, s; doubled whenever there are 200"),
+        description="time between poses kept for nav/path, s; doubled whenever there are 200",
     )
     start_time: float = Field(
         0.0,

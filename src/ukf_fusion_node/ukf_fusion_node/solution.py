@@ -1,8 +1,7 @@
 """The solution of an INS in place of samples of an IMU, and what is found wrong with it."""
 
 from collections.abc import Callable
-from functools import partial
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
@@ -35,15 +34,9 @@ WAITING = 1000
 """Positions and velocities that wait for the others of their stamps at most."""
 
 
-class Joined(NamedTuple):
-    """Position and velocity of one stamp."""
-
-    fix: NavSatFix
-    twist: TwistWithCovarianceStamped
-
-
-Solution: TypeAlias = bytes | Joined
-"""A serialised Odometry, or what takes its place."""
+Part: TypeAlias = NavSatFix | TwistWithCovarianceStamped
+Solution: TypeAlias = bytes | dict[type[Part], Part]
+"""A serialised Odometry, or position and velocity of one stamp, which take its place."""
 Sample = tuple[int, Array, Array, float]
 """Stamp of its end (ns), specific force and angular rate (3,), and its interval, s."""
 
@@ -68,31 +61,32 @@ class Solutions:
         self._frame, self._hold = map_frame(node.scenario), hold
         self._inverse = InverseStrapdown(ins.jump, LONGEST, preintegrated)
         self._error, self._m_error = node.advertise(topics.INS_ERROR), topics.INS_ERROR.type()
-        self._parts: dict[int, dict[str, NavSatFix | TwistWithCovarianceStamped]] = {}
+        self._parts: dict[int, dict[type[Part], Part]] = {}
         """Position or velocity by stamp, that waits for the other."""
         self._newest = -1
         """Stamp of the newest solution."""
         if ins.attitude:
             node.listen(topics.INS_SOLUTION, lambda data: hold(peek_ns(data), data), raw=True)
         else:
-            node.listen(topics.INS_SOLUTION_FIX, partial(self._take, "fix"))
-            node.listen(topics.INS_SOLUTION_VELOCITY, partial(self._take, "twist"))
+            node.listen(topics.INS_SOLUTION_FIX, self._take)
+            node.listen(topics.INS_SOLUTION_VELOCITY, self._take)
 
-    def _take(self, kind: str, message: NavSatFix | TwistWithCovarianceStamped) -> None:
+    def _take(self, message: Part) -> None:
         """Hand on position and velocity of a stamp when both have come."""
         ns = to_ns(message.header.stamp)
         parts = self._parts.setdefault(ns, {})
-        parts[kind] = message
+        parts[type(message)] = message
         if len(parts) == 2:
-            self._hold(ns, Joined(**self._parts.pop(ns)))
+            self._hold(ns, self._parts.pop(ns))
         elif len(self._parts) > WAITING:
             del self._parts[min(self._parts)]
 
-    def read(self, message: Solution) -> Array:
+    def _read(self, message: Solution) -> Array:
         """Return the solution (10,) of a message; raises BadMessageError where it is none."""
         if isinstance(message, bytes):
             return read_solution(message, self._frame)
-        place, velocity = read_position_and_velocity(message.fix, message.twist)
+        parts = message[NavSatFix], message[TwistWithCovarianceStamped]
+        place, velocity = read_position_and_velocity(*parts)
         last = self.last
         attitude = level_attitude(velocity[None], None if last is None else last[6:])[0]
         return np.concatenate([place, velocity, attitude])
@@ -103,22 +97,10 @@ class Solutions:
         return self._inverse.last
 
     def samples(self, ns: int, message: Solution, navigation: Navigation) -> list[Sample]:
-        """Return what the INS felt since its last solution.
-
-        Parameters
-        ----------
-        ns : int
-            Stamp of the message.
-        message : Solution
-        navigation : Navigation
-            Whose newest stamp the message's must be later than.
-
-        Raises
-        ------
-        BadMessageError
-            The message cannot be used, or does not say that.
-        """
-        solution = self.read(message)
+        """Return what the INS felt since its last solution, by a message of a stamp (ns), which
+        must be later than the newest of the navigation; raises BadMessageError where it cannot be
+        used, or does not say that."""
+        solution = self._read(message)
         navigation.require_later(ns)
         if navigation.navigator is not None:
             navigation.time_jumps.check(ns, navigation.ns)
@@ -135,8 +117,7 @@ class Solutions:
 
     def publish_error(self, ns: int, state: FilterState) -> None:
         """Publish what is wrong with the newest solution, if a state is of its stamp (ns)."""
-        last = self.last
-        if last is None or ns != self._newest:
-            return
-        fill_error(self._m_error, ns, last, np.concatenate(state.estimate), state.covariance)
-        self._error.publish(self._m_error)
+        if self.last is not None and ns == self._newest:
+            estimate = np.concatenate(state.estimate)
+            fill_error(self._m_error, ns, self.last, estimate, state.covariance)
+            self._error.publish(self._m_error)

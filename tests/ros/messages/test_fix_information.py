@@ -42,13 +42,11 @@ WIDE = random_covariance(np.array([50.0, 50.0, 0.1, 0.1, 1e-5, 1e-5, 1e-4]), 3)
     ("covariance", "estimate", "keys"),
     [
         (COVARIANCE, None, {}),
-        (COVARIANCE, None, {"reset": True}),
         (COVARIANCE, ESTIMATE, {"widened": WIDE}),
-        (COVARIANCE, ESTIMATE, {"information": information(4)}),
         (COVARIANCE, ESTIMATE, {"information": information(7), "map_error": (8e-5, 3000.0)}),
         (NOTHING, ESTIMATE, {"reason": "none", "reset": True, "map_error": (8e-5, 3000.0)}),
     ],
-    ids=["position", "lost", "widened", "4 states", "7 states", "no fix"],
+    ids=["position", "widened", "7 states", "no fix"],
 )
 def test_there_and_back(covariance, estimate, keys) -> None:
     one = Fix(12.5, -0.6, 2.5, covariance, **keys)

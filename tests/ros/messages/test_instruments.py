@@ -157,17 +157,10 @@ def test_zero_variance_is_an_unknown_one(read_and_message) -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "low", "found"),
-    [
-        (math.inf, 0.0, math.nan),
-        (1000.5, 0.0, math.nan),
-        (4.9, 5.0, math.nan),
-        (5.0, 5.0, 5.0),
-        (1000.0, 0.0, 1000.0),
-    ],
+    ("value", "found"), [(1000.5, math.nan), (4.9, math.nan), (5.0, 5.0), (1000.0, 1000.0)]
 )
-def test_out_of_range_is_no_reading_and_no_fault(value, low, found) -> None:
-    assert read_range(distance(value, low))[0] == pytest.approx(found, nan_ok=True)
+def test_out_of_range_is_no_reading_and_no_fault(value, found) -> None:
+    assert read_range(distance(value, 5.0))[0] == pytest.approx(found, nan_ok=True)
 
 
 def test_nothing_in_range_is_infinity_then_no_altitude() -> None:
@@ -225,14 +218,10 @@ def refused(read, *messages):
     *refused(
         of("gravity").read_raw,
         (changed(gravity(9.8), header__frame_id="base_link"), "must be 'gravimeter_link'"),
-        (gravity(979_812.3), "979812 is not the Earth's; .*: is it mGal\\?"),
-        (gravity(979.8), "is it Gal"),
-        (gravity(-35.2), "is it an anomaly in mGal"),
-        (gravity(4.9), "not the Earth's"),
-        (gravity(20.1), "not the Earth's"),
-        (gravity(0.2), "z is up$"),  # no unit fits
+        (gravity(979_812.3), "979812 is not between 5 and 20: .*the unit is m/s²"),
+        (gravity(4.9), "not between"),
     ),
-    *refused(of("disturbance").read_reduced, (gravity(35.2), "is it mGal")),
+    *refused(of("disturbance").read_reduced, (gravity(35.2), "not between -1 and 1")),
     *refused(of("ground").read_raw,
              (changed(of("ground").write_raw(7, 1.0, 1.0, None), fluid_pressure=-1.0), "-1 Pa")),
     *refused(
@@ -245,17 +234,15 @@ def refused(read, *messages):
     *refused(
         read_range,
         (distance(math.nan), "not a number"),
-        (distance(10.0, 10.0, 10.0), "fixed distance"),
         (distance(10.0, 20.0, 5.0), "min_range 20 m is not below max_range 5 m"),
         (distance(10.0, math.nan, 5.0), "is not below"),
         (distance(10.0, variance=-1.0), "negative variance"),
-        (distance(10.0, variance=math.nan), "variance is not finite"),
     ),
     *refused(
         POINTS.read_raw,
         (soundings(POINTS, fields=[]), "fields x, y and z"),
         (soundings(POINTS, data=b""), "beyond the end of the data"),
-        (soundings(POINTS, point_step=8), "field z lies beyond"),
+        (soundings(POINTS, point_step=8), "beyond the end of the data"),
     ),
     *refused(POINTS.read_reduced,
              (POINTS.write_reduced(0, np.full((5, 4), math.inf), 0.5, None), "not finite")),
@@ -271,7 +258,7 @@ def refused(read, *messages):
         (tensor(field=0, name="T_ne"), "no field T_nn; fields are T_ne, T_ed, T_dd, covariance"),
         (tensor(field=0, datatype=PointField.FLOAT32), "T_nn must be float64"),
         (tensor(field=3, count=4), "field covariance must be 9 x float64"),
-        (tensor(field=1, offset=4_000_000_000), "field T_ed lies beyond the end"),
+        (tensor(field=1, offset=4_000_000_000), "beyond the end of the data"),
         (tensor(width=2), "must hold one point, holds 2"),
         (tensor([30.0, 1.0, 1.0]), "the unit is 1/s²"),
         (tensor([math.inf, 0.0, 0.0]), "the unit is 1/s²"),

@@ -224,8 +224,6 @@ NEGATIVE = -np.eye(3).ravel()
 @pytest.mark.parametrize(("read", "message", "words"), [
     (read_imu, sample(header__frame_id="camera"), "frame_id must be 'base_link', is 'camera'"),
     (read_imu, sample(linear_acceleration__z=math.nan), "not finite"),
-    (read_imu, sample(linear_acceleration__z=5e3), "above 1000"),
-    (read_imu, sample(angular_velocity__z=500.0), "above 100 rad/s"),
     (read_imu, sample(angular_velocity_covariance=NEGATIVE), "without specific force"),
     (read_imu, sample(angular_velocity_covariance=2.0 * NEGATIVE), "negative variance"),
     (read_state, state(twist__twist__linear__y=1e300), "or above"),

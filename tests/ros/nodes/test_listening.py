@@ -152,8 +152,6 @@ def test_publishers_are_kept_apart(graph) -> None:
         "of a second publisher, /simulator: /driver is used"
     )
     assert sum("dropped: of a second publisher" in text for text in hearer.said) == 1
-    told = f"{hearer.t_imu.name} is published by /simulator, too: /driver is used"
-    assert graph.until(lambda: told in hearer.said)
     graph.nodes[1].destroy_node()
     assert graph.until(lambda: hearer.imu.get_publisher_count() == 1)
     second.publish(sample(200))
@@ -172,6 +170,5 @@ def test_a_successor_of_the_same_name_takes_over_at_once(graph) -> None:
     assert hearer.health.dropped == {}
     first.publish(sample(4))  # it was there all the time
     second.publish(sample(5))
-    first.publish(sample(6))
-    assert graph.until(lambda: hearer.heard[-1] == 6)
-    assert hearer.heard == [1, 2, 3, 4, 6]
+    assert graph.until(lambda: hearer.heard == [1, 2, 3, 5])
+    assert graph.until(lambda: hearer.health.dropped == {hearer.t_imu.name: 1})

@@ -23,7 +23,6 @@ class Buffer:
 
     def __init__(self, publishers: int = 1) -> None:
         self.handlers = {}
-        self.arrivals = 0
         extra = SimpleNamespace(get_publisher_count=lambda: publishers)
 
         def listen(topic, handler, raw):
@@ -33,15 +32,13 @@ class Buffer:
 
         self.watches, self.wall_time = {}, 0.0
         node = SimpleNamespace(
+            scenario=SCENARIO,
             listen=listen,
             health=SimpleNamespace(tick=lambda ns: None),
             monotonic=lambda: self.wall_time,
             watch=self.watches.__setitem__,
         )
-        self.buffer = NavQueue(node, SCENARIO, lambda *_: None, self.arrived)
-
-    def arrived(self) -> None:
-        self.arrivals += 1
+        self.buffer = NavQueue(node, lambda *_: None)
 
     def feed(self, ns: int, *place: float, covariance: bool = True, **more: Any) -> None:
         for topic, message in nav_messages(SCENARIO, ns, *place, **more)[not covariance :]:
@@ -56,7 +53,7 @@ def test_it_waits_for_the_covariance_where_it_is_published_until_a_later_one(pub
     buffer = Buffer(publishers)
     buffer.feed(5 * S, *PLACE, covariance=False)
     assert (buffer.buffer.at(5 * S) is None) == (publishers == 1)
-    buffer.feed(6 * S, *PLACE)
+    buffer.feed(11 * S, *PLACE)
     covariance = buffer.buffer.at(5 * S).covariance
     assert np.diag(covariance) == pytest.approx([900.0, 900.0, 0.01, 0.01])
 

@@ -16,17 +16,19 @@ from ukf_fusion_node.sample_checks import (
     SILENT,
     GravityDirection,
     SampleMonitor,
-    Spikes,
-    StuckError,
 )
 
 LEVEL = np.array([0.0, 0.0, -9.8])
 NOISE = np.random.default_rng(1).normal(0.0, 1e-5, (500, 6))
 
 
+def monitor(clock=lambda: 0.0) -> SampleMonitor:
+    return SampleMonitor(30.0, 3.0, clock, np.ones(6, dtype=bool))
+
+
 def test_silence() -> None:
     now = [0.0]
-    watch = SampleMonitor(30.0, 3.0, lambda: now[0])
+    watch = monitor(lambda: now[0])
     now[0] = 100.0
     assert watch.silent is None  # nothing has begun
     watch.take(LEVEL, np.zeros(3))
@@ -40,19 +42,19 @@ def noisy(watch: SampleMonitor, count: int, step: float = 0.0) -> None:
     """Samples of an IMU at rest; it counts in steps where that is not zero."""
     for sample in NOISE[:count]:
         seen = sample if step == 0.0 else step * np.round(sample / step)
-        watch.take(LEVEL + seen[:3], seen[3:])
+        assert watch.take(LEVEL + seen[:3], seen[3:]) is None
 
 
 def test_an_axis_that_stops_moving_is_stuck_after_a_few_samples() -> None:
-    watch = SampleMonitor(30.0, 3.0)
+    watch = monitor()
     noisy(watch, LEARNT + 1)
     dead = NOISE[:, 3:] * [1.0, 1.0, 0.0]
     for k in range(LEAST):
         watch.take(LEVEL + NOISE[k, :3], dead[k])
     for later in range(30):
-        with pytest.raises(StuckError, match="gyroscope z stuck") as caught:
-            watch.take(LEVEL + NOISE[later, :3], dead[later])
-        assert caught.value.samples == (LEAST if later == 0 else 0)
+        found = watch.take(LEVEL + NOISE[later, :3], dead[later])
+        assert found.refused and "gyroscope z stuck" in found.why
+        assert found.before == (LEAST if later == 0 else 0)
     noisy(watch, 10)
 
 
@@ -80,8 +82,8 @@ def found(*changes: tuple[int, int, float]) -> list[int]:
     samples = NOISE.copy()
     for index, axis, value in changes:
         samples[index, axis] += value
-    lone = Spikes()
-    return [k for k, each in enumerate(samples) if lone.take(LEVEL + each[:3], each[3:])]
+    watch = monitor()
+    return [k for k, each in enumerate(samples) if watch.take(LEVEL + each[:3], each[3:])]
 
 
 @pytest.mark.parametrize(("changes", "out_of_line"), [

@@ -14,7 +14,7 @@ from isogal.arrays import Array
 from isogal.earth.frames import LocalFrame
 from isogal.inertial.rotations import matrix
 from isogal.scenario import AnyAid, Gnss, HeadingAid, Height, PositionAid, Settings, Velocity
-from isogal.scenario.aids import SatellitePosition
+from isogal.scenario.aids import VERTICAL, SatellitePosition
 from isogal.sensors.barometer import height_of, height_slope, pressure_of
 from isogal_ros import topics
 from isogal_ros.messages.checks import (
@@ -25,11 +25,11 @@ from isogal_ros.messages.checks import (
     require_reading,
     unit_quaternion,
 )
-from isogal_ros.messages.frames import BASE, FRD_FLU
+from isogal_ros.messages.frames import BASE, FRD_FLU, NED_ENU
 from isogal_ros.messages.position import fill_fix, read_covariance, read_place, read_pose
 from isogal_ros.messages.prepared import write
 from isogal_ros.messages.stamps import set_stamp
-from isogal_ros.topics import Topic
+from isogal_ros.topics import Message, Topic
 
 _YAW = 8
 """Place of the yaw's variance in the covariance of an orientation."""
@@ -43,13 +43,6 @@ OTHER_DATUMS = (
 """What names of datums begin with that are metres to hundreds of metres off WGS 84, in lower case
 and without signs. ITRF, ETRS89 and GDA are within two metres of it (plate motion): taken as it is.
 """
-_KINDS = {
-    "barometer": Height,
-    "velocity": Velocity,
-    "position": PositionAid,
-    "heading": HeadingAid,
-}
-"""What the names of the topics begin with (`topics.aid_topics`)."""
 
 
 class Aid(NamedTuple):
@@ -75,9 +68,86 @@ def aid_of(settings: AnyAid) -> Aid | None:
             return Aid(topics.GNSS_VELOCITY, settings) if measured else None
         case SatellitePosition():
             return Aid(topics.GNSS_FIX, settings)
-    kind = next(name for name, section in _KINDS.items() if isinstance(settings, section))
-    topic, *instead = topics.aid_topics(kind, getattr(settings, "name", None))
+    topic, *instead = topics.aid_topics(settings.stem, getattr(settings, "name", None))
     return Aid(topic, settings, tuple(instead))
+
+
+def fill_aid(message: Message, ns: int, value: Array, aid: AnyAid, really: AnyAid) -> None:
+    """Write what an aid measures into its message: what it believes of its errors, and a pressure
+    as it really is.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    value : array
+        Height (m), velocity (3,) FRD or of satellites NED (m/s), latitude, longitude (rad) and
+        height (m) as (3,), or heading (rad); NaN = not measured.
+    aid, really : scenario sections
+        As it is assumed, and as it is.
+    """
+    match aid, really:
+        case Height(), Height():
+            fill_pressure(message, ns, float(value), really)
+        case Gnss(), _:
+            sigma = np.array([1.0, 1.0, VERTICAL]) * (aid.velocity_sigma or 0.0)
+            fill_twist(message, ns, NED_ENU @ value, sigma**2)
+        case PositionAid(), _ if np.isnan(value).any():  # no satellites
+            fill_fix(message, ns, 0.0, 0.0, 0.0, status=NavSatStatus.STATUS_NO_FIX)
+        case PositionAid(), _:
+            of_axes = np.square(aid.unequal) * (aid.sigma**2 + aid.correlated_sigma**2)
+            latitude, longitude, height = value.tolist()
+            fill_fix(message, ns, latitude, longitude, height, np.diag(of_axes))
+        case HeadingAid(), _:  # of a level vehicle; errors of its mounting are not in the variance
+            half = 0.5 * (0.5 * math.pi - float(value))
+            variance = aid.number("sigma") ** 2 + aid.number("correlated_sigma") ** 2
+            set_stamp(message.header.stamp, ns)
+            message.orientation = Quaternion(w=math.cos(half), z=math.sin(half))
+            message.orientation_covariance[_YAW] = variance
+            message.angular_velocity_covariance[0] = ABSENT
+            message.linear_acceleration_covariance[0] = ABSENT
+        case _:
+            fill_twist(message, ns, value * FRD_FLU)
+
+
+Reading = tuple[ArrayLike, ArrayLike | None]
+"""What `isogal.fusion.measurements.reading_of` takes: a value, and its (co)variance as stated."""
+
+
+def read_aid(
+    message: Message, settings: AnyAid, frame: LocalFrame, velocity_frame: str
+) -> Reading | None:
+    """Return what a message of an aid says; None where the aid has no fix.
+
+    Parameters
+    ----------
+    message : Message
+    settings : scenario section
+        Of the aid.
+    frame : LocalFrame
+        The frame ``map``.
+    velocity_frame : str
+        Of velocities in body axes; empty = any.
+
+    Raises
+    ------
+    BadMessageError
+        It cannot be used.
+    """
+    match settings:
+        case Height():
+            return read_pressure(message, settings)
+        case Velocity():
+            velocity, covariance = read_velocity(message, velocity_frame)
+            velocity[[axis for axis in range(3) if axis not in settings.axes]] = np.nan
+            return velocity, covariance
+        case Gnss():
+            return read_velocity(message, "", NED_ENU)
+        case HeadingAid():
+            return read_heading(message)
+    if isinstance(message, NavSatFix):
+        return read_position_fix(message)
+    return read_pose_position(message, frame)
 
 
 def fill_pressure(message: FluidPressure, ns: int, height: float, settings: Height) -> None:
@@ -96,8 +166,8 @@ def fill_pressure(message: FluidPressure, ns: int, height: float, settings: Heig
     message.fluid_pressure = float(pressure_of(height, settings))
 
 
-def read_pressure(message: FluidPressure, settings: Height) -> tuple[float, float, float]:
-    """Return pressure (Pa), height (m) and the height's variance (m²; 0 = unknown).
+def read_pressure(message: FluidPressure, settings: Height) -> tuple[float, float]:
+    """Return the height (m) of a pressure and its variance (m²; 0 = unknown).
 
     Raises
     ------
@@ -109,7 +179,7 @@ def read_pressure(message: FluidPressure, settings: Height) -> tuple[float, floa
     if pressure <= 0.0:
         raise BadMessageError(f"pressure of {pressure:g} Pa")
     height = float(height_of(pressure, settings))
-    return pressure, height, variance * height_slope(pressure, settings) ** 2
+    return height, variance * height_slope(pressure, settings) ** 2
 
 
 def fill_twist(
@@ -162,26 +232,6 @@ def read_velocity(
     return velocity, covariance
 
 
-def fill_position(message: NavSatFix, ns: int, place: Array, aid: PositionAid) -> None:
-    """Write what an aid gives of the position.
-
-    Parameters
-    ----------
-    ns : int
-        Stamp.
-    place : (3,) array
-        Latitude, longitude (rad), height (m); NaN = nothing, no satellites.
-    aid : scenario.PositionAid
-        What it believes of its errors.
-    """
-    if np.isnan(place).any():
-        fill_fix(message, ns, 0.0, 0.0, 0.0, status=NavSatStatus.STATUS_NO_FIX)
-        return
-    covariance = np.diag(np.square(aid.unequal)) * (aid.sigma**2 + aid.correlated_sigma**2)
-    latitude, longitude, height = place.tolist()
-    fill_fix(message, ns, latitude, longitude, height, covariance)
-
-
 def read_position_fix(message: NavSatFix) -> tuple[Array, Array | None] | None:
     """Return latitude, longitude (rad), height (m) as (3,), and the covariance (3, 3) NED, m²,
     None where it is not known; None where the aid has no fix. A height that is not available is
@@ -223,27 +273,6 @@ def read_pose_position(
     return place, to_ned @ of_place @ to_ned.T if of_place.any() else None
 
 
-def fill_heading(message: Imu, ns: int, heading: float, aid: HeadingAid) -> None:
-    """Write a heading into an Imu message that has an orientation only: level, east-north-up to
-    forward-left-up.
-
-    Parameters
-    ----------
-    ns : int
-        Stamp.
-    heading : float
-        rad from north over east.
-    aid : scenario.HeadingAid
-        What it believes of its errors; those of its mounting are not in the message's variance.
-    """
-    set_stamp(message.header.stamp, ns)
-    half = 0.5 * (0.5 * math.pi - heading)
-    message.orientation = Quaternion(w=math.cos(half), z=math.sin(half))
-    variance = aid.number("sigma") ** 2 + aid.number("correlated_sigma") ** 2
-    message.orientation_covariance[_YAW] = variance
-    message.angular_velocity_covariance[0] = message.linear_acceleration_covariance[0] = ABSENT
-
-
 def read_heading(message: Imu) -> tuple[float, float | None]:
     """Return the heading (rad from north, east positive) and its variance (rad², None = unknown)
     of an orientation, of which all else is not used. The frame may have any name.
@@ -258,8 +287,7 @@ def read_heading(message: Imu) -> tuple[float, float | None]:
     if message.orientation_covariance[0] == ABSENT:
         raise BadMessageError("marked as without orientation (covariance -1)")
     turn = unit_quaternion(message.orientation)
-    if not (math.isfinite(variance) and variance >= 0.0):
-        raise BadMessageError("variance of the yaw is negative or not finite")
+    require_reading(0.0, variance)
     east, north = matrix(turn)[:2, 0].tolist()
     if math.hypot(east, north) < _STEEPEST:
         raise BadMessageError("the bow points up or down: no heading")

@@ -36,8 +36,6 @@ FAN = "altimeter_fan_link"
 """Frame of a scan: x down, y to port, z forward, so that angles count from straight down to
 port."""
 _AXES = ("x", "y", "z")
-_MOST = 100_000
-"""Ranges of a message at most."""
 
 
 def terrain(assumed: Assumed) -> Adapter:
@@ -75,20 +73,14 @@ def _write_range(
 def read_range(message: Range) -> tuple[float, float | None]:
     """Return the clearance (m), NaN where it is out of range, and its variance; None = unknown
     (zero)."""
-    low, high = message.min_range, message.max_range
-    value, variance = message.range, message.variance
+    low, high, value = message.min_range, message.max_range, message.range
     if math.isnan(value):
         raise BadMessageError("reading is not a number")
-    if low == high:
-        raise BadMessageError(
-            "min_range equals max_range: a ranger of fixed distance measures no distance"
-        )
     if not low < high:
         raise BadMessageError(f"min_range {low:g} m is not below max_range {high:g} m")
-    if not (math.isfinite(variance) and variance >= 0.0):
-        raise BadMessageError("negative variance" if variance < 0.0 else "variance is not finite")
+    require_reading(0.0, message.variance)
     in_range = math.isfinite(value) and low <= value <= high
-    return (value if in_range else math.nan), variance or None
+    return (value if in_range else math.nan), message.variance or None
 
 
 def terrain_message(
@@ -183,8 +175,8 @@ def _read_scan(settings: Altimeter, message: LaserScan) -> tuple[Array, None]:
     require_frame(message, FAN)
     length = np.asarray(message.ranges, dtype=np.float64)
     low, step = message.angle_min, message.angle_increment
-    if len(length) > _MOST or not (math.isfinite(low) and math.isfinite(step)):
-        raise BadMessageError("too many ranges, or angles that are not finite")
+    if not (math.isfinite(low) and math.isfinite(step)):
+        raise BadMessageError("angles are not finite")
     if np.isnan(length).any():
         raise BadMessageError("a range is not a number; nothing in range is infinite")
     port = low + step * np.arange(len(length))

@@ -101,11 +101,6 @@ def _number(copy: Copy) -> dict[type[Message], Copy]:
     return {Float64: copy, Float32: copy}
 
 
-def _put(path: str) -> Copy:
-    """Return what copies a number into a field."""
-    return lambda given, made: set_field(made, path, float(given.data))
-
-
 def _copy(source: str, target: str) -> Copy:
     """Return what copies a field to a field."""
     return lambda given, made: set_field(made, target, field_at(given, source))
@@ -142,7 +137,7 @@ FORMS: Mapping[type[Message], Form] = {
         (("accel.accel.linear", "accel.covariance"),),
         units={"m/s2": 1.0, "mGal": 1e-5, "Gal": 1e-2, "um/s2": 1e-6},
         others={
-            **_number(_put("accel.accel.linear.z")),
+            **_number(_copy("data", "accel.accel.linear.z")),
             AccelStamped: _copy("accel", "accel.accel"),
             Vector3Stamped: _copy("vector", "accel.accel.linear"),
             Imu: _copy("linear_acceleration", "accel.accel.linear"),
@@ -163,7 +158,7 @@ FORMS: Mapping[type[Message], Form] = {
         (("magnetic_field", "magnetic_field_covariance"),),
         units={"T": 1.0, "nT": 1e-9, "uT": 1e-6, "mT": 1e-3, "G": 1e-4},
         others={
-            **_number(_put("magnetic_field.z")),
+            **_number(_copy("data", "magnetic_field.z")),
             Vector3Stamped: _copy("vector", "magnetic_field"),
         },
     ),
@@ -171,7 +166,7 @@ FORMS: Mapping[type[Message], Form] = {
         None,
         numbers=(("fluid_pressure", 1), ("variance", 2)),
         units={"Pa": 1.0, "hPa": 1e2, "mbar": 1e2, "kPa": 1e3, "dbar": 1e4, "bar": 1e5},
-        others=_number(_put("fluid_pressure")),
+        others=_number(_copy("data", "fluid_pressure")),
     ),
     Range: Form(
         None,
@@ -190,11 +185,6 @@ FORMS: Mapping[type[Message], Form] = {
 
 def _form(topic: Topic) -> Form:
     return FORMS.get(topic.type, Form(None))
-
-
-def takes_others(topic: Topic) -> bool:
-    """Whether a topic takes messages of other types than its own."""
-    return bool(_form(topic).others)
 
 
 def type_taken(topic: Topic, names: Collection[str]) -> type[Message] | None:
@@ -228,10 +218,8 @@ class Entrance:
             if driver.from_tf and not driver.frame:
                 raise InputError(f"drivers.{name}.from_tf: needs `frame`, which is looked up")
             form = _form(topic)
-            if driver.unit and driver.unit not in form.units:
-                allowed = (
-                    f"one of {', '.join(form.units)}" if form.units else "empty: it has one only"
-                )
+            if driver.unit not in ("", *form.units):
+                allowed = f"one of {', '.join(form.units)}" if form.units else "empty"
                 raise InputError(f"drivers.{name}.unit: must be {allowed}, not {driver.unit!r}")
             if driver.frame and driver == Driver(frame=driver.frame) and form.frame is None:
                 raise InputError(
@@ -240,8 +228,8 @@ class Entrance:
                 )
             if any(driver.rotation or ()) and form.frame == BASE and not form.vectors:
                 raise InputError(
-                    f"drivers.{name}: its messages are not turned, their axes must be those of"
-                    f" {self.names.outside(BASE)!r}: turn them before, and give no rotation"
+                    f"drivers.{name}.rotation: its messages are not turned, their axes must be"
+                    f" those of {self.names.outside(BASE)!r}"
                 )
 
     def text(self) -> str:

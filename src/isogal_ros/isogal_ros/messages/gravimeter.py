@@ -10,7 +10,6 @@ from isogal_ros.messages.adapter import Adapter, Place, Reading
 from isogal_ros.messages.checks import BadMessageError, require_frame, require_reading
 from isogal_ros.messages.frames import framed
 from isogal_ros.messages.position import NOT_MEASURED
-from isogal_ros.messages.stamps import set_stamp
 from isogal_ros.topics import Topic
 
 PLATFORM = "gravimeter_link"
@@ -22,8 +21,6 @@ SMALLEST_GRAVITY = 5.0
 """m/s²; below, the instrument gives nothing, or its axis points down."""
 _AXES, _UP = 6, 14
 """Rows of a message's covariance; where in a message's covariance the variance along z is."""
-_UNITS = {"mGal": 1e-5, "Gal": 1e-2, "um/s2": 1e-6}
-"""m/s² in the units that readings may be in by mistake, see `isogal_ros.messages.drivers`."""
 
 
 def gravity(assumed: Assumed) -> Adapter:
@@ -55,8 +52,7 @@ def _write(
     topic: Topic, ns: int, value: Reading, variance: Reading, place: Place
 ) -> AccelWithCovarianceStamped:
     """Return a message; the horizontal components are not measured."""
-    message = framed(topic, PLATFORM)
-    set_stamp(message.header.stamp, ns)
+    message = framed(topic, PLATFORM, ns)
     message.accel.accel.linear.z = float(value)
     message.accel.covariance[:: _AXES + 1] = NOT_MEASURED
     message.accel.covariance[_UP] = variance
@@ -72,18 +68,7 @@ def _read(
     require_reading(value, variance)
     if not smallest <= value <= largest:
         raise BadMessageError(
-            f"{value:.6g} is not the Earth's; the unit is m/s², z is up{_meant(value, largest)}"
+            f"{value:.6g} is not between {smallest:g} and {largest:g}: z is up, the unit is m/s²"
+            " unless the parameter drivers names another"
         )
     return value, variance
-
-
-def _meant(value: float, largest: float) -> str:
-    """Say which unit a value may be in that cannot be in m/s², of an instrument whose values are
-    at most `largest`; empty where none fits."""
-    smallest = SMALLEST_GRAVITY if largest == LARGEST_GRAVITY else 0.0
-    for unit, size in _UNITS.items():
-        if smallest <= abs(value) * size <= largest:
-            return f": is it {unit}? (parameter drivers, unit: {unit})"
-    if LARGEST_DISTURBANCE < abs(value) <= LARGEST_DISTURBANCE / _UNITS["mGal"]:
-        return ": is it an anomaly in mGal? Gravity itself is wanted"
-    return ""

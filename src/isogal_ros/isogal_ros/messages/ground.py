@@ -46,5 +46,5 @@ def _read(settings: Height, message: FluidPressure) -> tuple[float, float | None
     (zero)."""
     if math.isnan(message.fluid_pressure):
         return math.nan, None
-    _, height, variance = read_pressure(message, settings)
+    height, variance = read_pressure(message, settings)
     return height, variance or None

@@ -30,7 +30,7 @@ from isogal_ros.messages.checks import (
 )
 from isogal_ros.messages.frames import framed
 from isogal_ros.messages.point import fill_point, number, numbers, read_point
-from isogal_ros.messages.prepared import write
+from isogal_ros.messages.prepared import numbers_of, write
 
 MAGNETOMETER, MAIN_FIELD = "magnetometer_link", "main_field"
 """Frame names. `main_field` has its z axis along the main field, the direction in which an anomaly
@@ -43,10 +43,10 @@ _EARTH = QUANTITIES["magnetic_field"]
 
 def magnetic(assumed: Assumed) -> Adapter:
     """Return the adapter of the field magnetic."""
-    raw = topics.MAGNETIC_FIELD
+    raw = topics.MAGNETIC_FIELD, _write_total, read_total
     if assumed.magnetometer.online:
-        return Adapter(raw, _write_total, read_total, topics.TERMS, _write_terms, _read_terms)
-    return Adapter(raw, _write_total, read_total, topics.ANOMALY, _write_anomaly, _read_anomaly)
+        return Adapter(*raw, topics.TERMS, _write_terms, _read_terms)
+    return Adapter(*raw, topics.ANOMALY, _write_anomaly, _read_anomaly)
 
 
 def _write_total(ns: int, value: Reading, variance: Reading, place: Place) -> MagneticField:
@@ -63,8 +63,7 @@ def write_vector(ns: int, vector: Sequence[float] | Array, variance: float) -> M
 
 def read_vector(message: MagneticField) -> Array:
     """Return a vector (3,), nT."""
-    field = message.magnetic_field
-    vector = np.array([field.x, field.y, field.z]) / TESLA
+    vector = numbers_of(message)[:3] / TESLA
     if not np.isfinite(vector).all():
         raise BadMessageError("a component is not finite: the field needs all three")
     return vector
@@ -73,10 +72,9 @@ def read_vector(message: MagneticField) -> Array:
 def read_scalar(message: MagneticField) -> tuple[float, float | None]:
     """Return total field and variance of a scalar instrument's message, see `read_total`: it is on
     z, the other components are zero or not finite."""
-    field = message.magnetic_field
-    total, variance = field.z / TESLA, float(message.magnetic_field_covariance[8]) / TESLA**2
-    if math.isfinite(field.x) and math.isfinite(field.y):
-        total = math.sqrt(field.x**2 + field.y**2 + field.z**2) / TESLA
+    x, y, z = (numbers_of(message)[:3] / TESLA).tolist()
+    total = math.hypot(x, y, z) if math.isfinite(x) and math.isfinite(y) else z
+    variance = float(message.magnetic_field_covariance[8]) / TESLA**2
     _require_earths(total)
     require_reading(total, variance)
     return total, variance or None

@@ -5,6 +5,7 @@ it does not say them itself, from /tf_static. They are looked up once, before an
 that all of a run has the same; the recorder keeps what was found."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -36,8 +37,6 @@ class Link(NamedTuple):
 
     parent: str
     pose: Pose
-    fault: str = ""
-    """Why the pose cannot be used; empty = it can."""
 
 
 Tree = Mapping[str, Link]
@@ -53,8 +52,8 @@ def pose_of(place: Array, rotation: Array) -> Pose:
 
 def read_transforms(data: bytes) -> dict[str, Link]:
     """Return the transforms of a serialised tf2_msgs/TFMessage, whose class is not among ROS 2's
-    wheels; raises BadMessageError where it is none. One of them that cannot be used is there with
-    its fault: a message has those of the whole vehicle."""
+    wheels; raises BadMessageError where it is none. One of them that cannot be used is left out: a
+    message has those of the whole vehicle."""
     content, found = Reader(data), dict[str, Link]()
     try:
         (count,) = content.take("I")
@@ -63,13 +62,10 @@ def read_transforms(data: bytes) -> dict[str, Link]:
             parent, child = content.text(), content.text()
             numbers = np.array(content.take("7d"))
             turn = np.roll(numbers[3:], 1)  # w first
-            try:
-                if not (np.abs(numbers[:3]) < FARTHEST).all():
-                    raise BadMessageError("its place is not finite, or not on the Earth")
-                require_unit(turn, "its rotation")
-                found[child] = Link(parent, pose_of(numbers[:3], matrix(turn)))
-            except BadMessageError as error:
-                found[child] = Link(parent, np.eye(4), f"transform to {child!r}: {error}")
+            with suppress(BadMessageError):
+                require_unit(turn, "rotation")
+                if (np.abs(numbers[:3]) < FARTHEST).all():
+                    found[child] = Link(parent, pose_of(numbers[:3], matrix(turn)))
     except BadMessageError:
         raise BadMessageError("no transforms") from None
     return found
@@ -85,7 +81,7 @@ def _to_root(tree: Tree, frame: str) -> tuple[str, Pose]:
     """Return the last of a frame's parents, and the frame's pose in it."""
     pose = np.eye(4)
     for _ in range(len(tree)):  # which ends where transforms go in a circle
-        if frame not in tree or tree[frame].fault:
+        if frame not in tree:
             break
         frame, pose = tree[frame].parent, tree[frame].pose @ pose
     return frame, pose
@@ -119,10 +115,9 @@ def placed(entrance: Entrance, look: Callable[[Callable[[Tree], bool]], Tree]) -
     for (name, one), pose in zip(asking.items(), frames(tree), strict=True):
         if pose is None:
             there = ", ".join(sorted(tree)) or "nothing"
-            faults = "".join(f"; {link.fault}" for link in tree.values() if link.fault)
             raise InputError(
                 f"drivers.{name}.from_tf: no transform from {base!r} to {one.frame!r} on"
-                f" {TF_STATIC}, which has {there}{faults}"
+                f" {TF_STATIC}, which has {there}"
             )
         angles = np.degrees(to_angles(pose[:3, :3])).tolist()
         turn = (0.0, 0.0, 0.0) if name.startswith(_ON_GROUND) else tuple(angles)

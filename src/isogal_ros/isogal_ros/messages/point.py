@@ -17,7 +17,6 @@ from isogal_ros.messages.stamps import set_stamp
 
 _KINDS = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8", PointField.UINT32: "u4"}
 _NAMES = {"f4": "float32", "f8": "float64", "u4": "uint32"}
-_MOST_FIELDS, _MOST_POINTS = 64, 100_000
 
 
 def fill_cloud(
@@ -73,35 +72,25 @@ def read_cloud(
     Raises
     ------
     BadMessageError
-        A field is of another type or lies beyond the data, or there is too much.
+        A field is of another type or lies beyond the data.
     """
-    if len(message.fields) > _MOST_FIELDS:
-        raise BadMessageError(f"has more than {_MOST_FIELDS} fields")
-    order = ">" if message.is_bigendian else "<"
-    found: dict[str, tuple[tuple[str, tuple[int]], int]] = {}
-    for item in message.fields:
-        if not wanted(item.name):
-            continue
-        kind = _KINDS.get(item.datatype, "")
-        if kind not in kinds or item.count < 1:
+    found = {item.name: item for item in message.fields if wanted(item.name)}
+    for item in found.values():
+        if _KINDS.get(item.datatype) not in kinds:
             allowed = " or ".join(_NAMES[one] for one in kinds)
             raise BadMessageError(f"field {item.name} must be {allowed}")
-        end = item.offset + int(kind[-1]) * item.count
-        if end > message.point_step:
-            raise BadMessageError(f"field {item.name} lies beyond the end of the data")
-        found[item.name] = (f"{order}{kind}", (item.count,)), item.offset
-    count, step = message.width * message.height, message.point_step
-    if count > _MOST_POINTS:
-        raise BadMessageError(f"{count} points are too many")
-    if step * count > len(message.data):
-        raise BadMessageError(f"{count} points: the last lies beyond the end of the data")
     if not found:
         return {}
-    formats, offsets = zip(*found.values(), strict=True)
-    whole = np.dtype(
-        {"names": list(found), "formats": formats, "offsets": offsets, "itemsize": step}
-    )
-    points = np.frombuffer(bytes(message.data), whole, count)
+    order, each = ">" if message.is_bigendian else "<", found.values()
+    formats = [(f"{order}{_KINDS[item.datatype]}", (item.count,)) for item in each]
+    offsets, step = [item.offset for item in each], message.point_step
+    try:
+        whole = np.dtype(
+            {"names": list(found), "formats": formats, "offsets": offsets, "itemsize": step}
+        )
+        points = np.frombuffer(bytes(message.data), whole, message.width * message.height)
+    except (ValueError, OverflowError):
+        raise BadMessageError("a field or a point lies beyond the end of the data") from None
     return {name: np.asarray(points[name], np.float64) for name in found}
 
 

@@ -41,7 +41,7 @@ from isogal_ros.nodes.listening import Listening, Take
 from isogal_ros.nodes.publishing import Publishing
 from isogal_ros.nodes.settings import NodeSettings
 from isogal_ros.nodes.static_transforms import static_transforms
-from isogal_ros.parameters.declaration import declare, on_change
+from isogal_ros.parameters.declaration import declare
 from isogal_ros.parameters.from_model import ParameterSpec, parameter_specs
 from isogal_ros.parameters.values import Values, nested
 from isogal_ros.topics import Topic
@@ -129,16 +129,11 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         self.ready = False
         """Whether every publisher has had the listeners that the graph needs."""
         try:
-            specs = self.specs()
-            self.settings, self.scenario = self.read(name, declare(self, specs, KEYS))
+            declare(self, self.specs(), KEYS, self._accept, self._change)
             self.frame_names = self.settings.frame_names
             self._mount()
-            self.health = Health(
-                self.get_fully_qualified_name().lstrip("/"),
-                self.advertise(topics.DIAGNOSTICS),
-                self.log,
-            )
-            on_change(self, specs, lambda new: self.changed(new) if self.configured else None)
+            full_name = self.get_fully_qualified_name().lstrip("/")
+            self.health = Health(full_name, self.advertise(topics.DIAGNOSTICS), self.log)
             steady, self._heartbeat = Clock(clock_type=ClockType.STEADY_TIME), Heartbeat(self)
             # made before `setup` makes anything, so that they outlive a cleanup
             self.create_timer(1.0, self._beat, clock=steady)
@@ -220,6 +215,13 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         settings = validated(cls.settings_model, nested(own), where=f"{name}: ")
         return settings, validate_scenario(nested(assumed), name)
 
+    def _accept(self, values: Values) -> None:
+        self.settings, self.scenario = self.read(self.get_name(), values)
+
+    def _change(self, values: Values) -> None:
+        if self.configured:
+            self.changed(values)
+
     def changed(self, values: Values) -> None:
         """Take new values of mutable parameters; an InputError refuses them."""
 
@@ -227,12 +229,9 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         """Return a publisher of one of the graph's topics; `consumers` replaces those of the
         topic."""
         wanted = topic.consumers if consumers is None else consumers
-        listeners = [
-            name
-            for name in self.settings.peers
-            if topics.kind_of(name) in wanted and name != self.get_name()
-        ]
-        self.publishing.append(Publishing(self, topic, len(listeners)))
+        others = [name for name in self.settings.peers if name != self.get_name()]
+        listeners = sum(topics.kind_of(name) in wanted for name in others)
+        self.publishing.append(Publishing(self, topic, listeners))
         return self.publishing[-1]
 
     def listen(
@@ -310,17 +309,16 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
             logger.info(text)
         elif level == WARN:
             logger.warning(text)
+        elif options:
+            logger.error(text, **options)
         else:
-            if options:
-                logger.error(text, **options)
-            else:
-                logger.error(text)
-            if self.bus is not None:
-                self.bus.errors.append(f"{logger.name}: {text}")
+            logger.error(text)
+        if level == ERROR and self.bus is not None:
+            self.bus.errors.append(f"{logger.name}: {text}")
 
     def missing_listeners(self) -> list[str]:
         """Say which topics have too few listeners."""
-        return [missing for one in self.publishing if (missing := one.missing) is not None]
+        return [missing for one in self.publishing if (missing := one.missing)]
 
     def fail(self, message: str) -> None:
         """End with an error: diagnostics, one line in the log, exit code 1."""
@@ -407,8 +405,8 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
         deadline = time.monotonic() + timeout
         if self.context.ok():
             self.health.publish()  # the last figures
-        for publishing in self.publishing if self.context.ok() else ():
-            publishing.wait(deadline)
+            for publishing in self.publishing:
+                publishing.wait(deadline)
         self.destroy_node()
 
     def _destroy_made(self, but: Mapping[str, set[Entity]]) -> None:
@@ -435,16 +433,15 @@ class GraphNode(LifecycleNode, Generic[Settings_co]):
     def _check_ready(self) -> None:
         if not self.active:
             return
-        missing = self.missing_listeners()
-        self.health.figures["ready"] = not missing
+        missing, figures = self.missing_listeners(), self.health.figures
+        figures["ready"] = not missing
+        if missing or "waiting for listeners" in figures:
+            figures["waiting for listeners"] = ", ".join(missing) or "none"
         if missing:
-            self.health.figures["waiting for listeners"] = ", ".join(missing)
             return
         self.ready = True
         self._readiness.cancel()
         self.get_logger().info("ready")
-        if "waiting for listeners" in self.health.figures:
-            self.health.figures["waiting for listeners"] = "none"
         if self.health.message == STARTING:
             self.health.state(OK, "ready")
 

@@ -10,6 +10,7 @@ from isogal.checkpoints import Omit, Restore, Saved
 from isogal.errors import InputError
 from isogal_ros.messages.stamps import from_seconds, to_seconds
 from isogal_ros.nodes.base import GraphNode
+from isogal_ros.nodes.health import OK, WARN
 
 SYNC_EVERY = 1.0
 """s of wall time between checkpoints that also survive the end of the machine."""
@@ -55,7 +56,7 @@ class Checkpoint:
             return checkpoints.load(self._path, self._owner, self._packages, self._restore)
         except InputError as error:
             self.reason = str(error)
-            self._node.get_logger().warning(f"checkpoint refused: {error}")
+            self._node.log(WARN, f"checkpoint refused: {error}")
             return None
 
     def take(self, ns: int) -> Saved | None:
@@ -66,17 +67,12 @@ class Checkpoint:
             return None
         age = ns - found.time
         if 0 <= age <= self._age:
-            self._node.get_logger().info(
-                f"goes on from the checkpoint of {to_seconds(found.time):.0f} s,"
-                f" {to_seconds(age):.1f} s before the data"
-            )
+            text = f"goes on from the checkpoint of {to_seconds(found.time):.0f} s"
+            self._node.log(OK, f"{text}, {to_seconds(age):.1f} s before the data")
             return found
-        self.reason = (
-            f"the checkpoint of {to_seconds(found.time):.3f} s is too old"
-            if age > 0
-            else f"the checkpoint of {to_seconds(found.time):.3f} s is of a later time"
-        )
-        self._node.get_logger().warning(f"checkpoint refused: {self.reason}")
+        why = "too old" if age > 0 else "of a later time"
+        self.reason = f"the checkpoint of {to_seconds(found.time):.3f} s is {why}"
+        self._node.log(WARN, f"checkpoint refused: {self.reason}")
         return None
 
     @property

@@ -137,7 +137,10 @@ def status(
     figures : mapping
         Shown as key-value pairs.
     """
-    values = [KeyValue(key=key, value=_text(value)) for key, value in figures.items()]
+    values = [
+        KeyValue(key=key, value=f"{value:.9g}" if isinstance(value, float) else str(value))
+        for key, value in figures.items()
+    ]
     return DiagnosticStatus(
         level=level, name=name, message=message, hardware_id="isogal", values=values
     )
@@ -146,10 +149,6 @@ def status(
 def figures_of(item: DiagnosticStatus) -> dict[str, str]:
     """Return the key-value pairs of a status."""
     return {pair.key: pair.value for pair in item.values}
-
-
-def _text(value: Figure) -> str:
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
 def without_numbers(text: str) -> str:

@@ -28,22 +28,19 @@ class Heartbeat:
 
     def __init__(self, node: "GraphNode") -> None:
         self._node, self._parent = node, parent_process()  # of `isogal run`
-        self._freed = time.monotonic()
-        self._beaten: float | None = None
-        self._told: float | None = None
-        """When it said that it stood still."""
+        self._freed = self._beaten = time.monotonic()
+        self._text, self._until = "", 0.0
+        """That it stood still, and until when it says so."""
 
     def beat(self) -> None:
         """Do what is due."""
         node, health, now = self._node, self._node.health, time.monotonic()
-        stood, self._beaten = now - (self._beaten or now), now
+        stood, self._beaten = now - self._beaten, now
         if stood > LEASE and (node.bus is None or not node.bus.alone):
             health.count("stood still")
             took = "others took it for gone, what they said is lost"
-            health.concern("standing still", f"stood still for {stood:.0f} s; {took}", ERROR)
-            self._told = now
-        elif self._told is not None and now - self._told > TOLD:
-            health.concern("standing still", None)
+            self._text, self._until = f"stood still for {stood:.0f} s; {took}", now + TOLD
+        health.concern("standing still", self._text if now <= self._until else None, ERROR)
         if now - self._freed >= FREE_EVERY:
             self._freed = now
             give_memory_back()

@@ -9,9 +9,8 @@ where nobody publishes the topic's own type.
 
 Where a topic is of one publisher (`Topic.single`), that is the first one heard, while it is there;
 messages of others are dropped. Another one takes over when it is gone; so does at once one of a
-node of the same name that has come since, unless the first is heard beside it: of a process that
-was killed the middleware takes up to 20 s to notice that it is gone, and its successor is not to
-wait.
+node of the same name that has come since: of a process that was killed the middleware takes up to
+20 s to notice that it is gone, and its successor is not to wait.
 
 rclpy 7 gives a message's number and times, but not its publisher, and its events executor calls
 nothing of ours before it takes a message. So where a topic has several publishers the messages are
@@ -31,7 +30,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from isogal_ros import topics
-from isogal_ros.messages.drivers import takes_others, type_taken
+from isogal_ros.messages.drivers import type_taken
 from isogal_ros.topics import LOSSLESS, Message, Topic
 
 if TYPE_CHECKING:
@@ -80,28 +79,18 @@ class _Library:
         rcl.rcutils_get_default_allocator.restype = _Allocator
         self.data, self.info = _Bytes(), _Info()
         allocator = rcl.rcutils_get_default_allocator()
-        made = rcl.rcutils_uint8_array_init(
+        rcl.rcutils_uint8_array_init(
             ctypes.byref(self.data), ctypes.c_size_t(4096), ctypes.byref(allocator)
         )
-        if made != 0:
-            raise MemoryError("no memory for messages")
 
 
-@cache
-def _library() -> _Library | None:
-    try:
-        return _Library()
-    except (OSError, AttributeError):
-        return None
+_library = cache(_Library)
 
 
 def take_next(subscription: Subscription) -> tuple[bytes, bytes | None] | None:
     """Take the next message; return it, serialised, and what identifies its publisher (None = this
     middleware does not say), or None where there is no message."""
-    library = _library()
-    if library is None:
-        return None
-    handle = subscription.handle
+    library, handle = _library(), subscription.handle
     with handle:
         status = library.take(
             handle.pointer, ctypes.byref(library.data), ctypes.byref(library.info), None
@@ -163,10 +152,8 @@ class Listening:
         self._there: dict[bytes, str] = {}
         """Publishers, connected or not: what identifies each, and its node's name."""
         self._used: bytes | None = None
-        self._before: bytes | None = None
-        """Whom the one that is used has succeeded, although it seems to be there still."""
         self._beside: set[bytes] = set()
-        """Those beside which the one that is used has been heard: they do not succeed it."""
+        """Those that were there when the one that is used was first heard."""
         self.topic_name = str(node.resolve_topic_name(topic.name))
         """The resolved name."""
         self._subscription: Subscription | None = None
@@ -196,7 +183,6 @@ class Listening:
         """See anew who publishes."""
         there = self.node.publishers_of(self.topic_name)
         self._there = {gid: name or _NAMELESS for gid, name in there.items()}
-        self._beside &= self._there.keys()
 
     def _sort(self) -> None:
         """Take the messages that wait, unless there is one publisher, which is known: then rclpy
@@ -219,19 +205,14 @@ class Listening:
     def _drop(self, gid: bytes, alone: bool) -> str | None:
         """Return why a message of a publisher, which may be the only one now, is not to be used
         (None = it is)."""
-        if gid not in self._there or (gid != self._used and not self._succeeds(gid)):
-            self._refresh()
         if gid == self._used:
-            self._beside |= self._there.keys() - {gid}
-        elif gid == self._before and self._used is not None:
-            self._beside.add(self._used)
-            self._used, self._before = gid, None
-        elif self._used is None or alone or self._succeeds(gid):
-            seems_there = not alone and self._used in self._there
-            self._before = self._used if seems_there else None
-            self._used = gid
-        else:
-            return f"of a second publisher, {self._other(gid)}: {self._name(self._used)} is used"
+            return None
+        if gid not in self._there or not self._succeeds(gid):
+            self._refresh()
+        if not (alone or self._succeeds(gid)):
+            other, used = (self._there.get(one or b"", _NAMELESS) for one in (gid, self._used))
+            return f"of a second publisher, {other}: {used} is used"
+        self._used, self._beside = gid, set(self._there)
         return None
 
     def _succeeds(self, gid: bytes) -> bool:
@@ -240,28 +221,6 @@ class Listening:
             return True
         may_be = self._there.get(gid, _NAMELESS) in (_NAMELESS, self._there[self._used])
         return may_be and gid not in self._beside
-
-    def _name(self, gid: bytes | None) -> str:
-        return self._there.get(gid or b"", _NAMELESS)
-
-    def _other(self, gid: bytes) -> str:
-        name = self._name(gid)
-        return f"another {name}" if name == self._name(self._used) else name
-
-    def _several(self) -> str | None:
-        """Say that there are other publishers than the one that is used; None = there are
-        none."""
-        if self._used not in self._there:
-            return None
-        others = {
-            self._other(gid)
-            for gid in self._there
-            if gid != self._used and not self._succeeds(gid)
-        }
-        if not others:
-            return None
-        too = f"{self.topic.name} is published by {', '.join(sorted(others))}, too"
-        return f"{too}: {self._name(self._used)} is used"
 
     def _refuse(self, _event: QoSRequestedIncompatibleQoSInfo) -> None:
         """Note that a publisher offers less than is asked for."""
@@ -274,15 +233,13 @@ class Listening:
         return on_bus + (0 if made is None else int(made.get_publisher_count()))
 
     def adapt(self) -> None:
-        """Take less where a publisher has offered less, or another type, and tell of several
-        publishers; a timer calls this."""
-        if self._is_down and not self._is_up_again():
-            return
+        """Take less where a publisher has offered less, or another type; a timer calls this."""
+        if self._is_down:
+            # a process has one type of a topic, and its executor holds what is destroyed for long
+            with suppress(rclpy_implementation.RCLError):
+                self._subscription, self._is_down = self._subscribe(LOSSLESS), False
         if self._subscription is None:
             return
-        if self._single:
-            self._refresh()
-            self.node.health.concern(f"publishers of {self.topic.name}", self._several())
         if self._retyped():
             return
         # one that is heard without loss is not to lose messages for another that is not used
@@ -298,7 +255,7 @@ class Listening:
 
     def _retyped(self) -> bool:
         """Listen to another type of message that the topic takes, where only that is published."""
-        if not takes_others(self.topic) or self.get_publisher_count():
+        if self.get_publisher_count():
             return False
         infos = self.node.get_publishers_info_by_topic(self.topic_name)
         kind = type_taken(self.topic, [info.topic_type for info in infos])
@@ -308,16 +265,6 @@ class Listening:
             f"{self.topic.name}: published as {topics.type_name(kind)}, which is taken for"
             f" {topics.type_name(self.topic.type)}"
         )
-        # a process has one type of a topic, and its executor holds what is destroyed for a while
         self.node.destroy_subscription(self._subscription)
         self._subscription, self.type, self._is_down = None, kind, True
-        return True
-
-    def _is_up_again(self) -> bool:
-        """Subscribe to another type, where the last one is gone for good."""
-        try:
-            self._subscription = self._subscribe(LOSSLESS)
-        except rclpy_implementation.RCLError:
-            return False
-        self._is_down = False
         return True

@@ -17,7 +17,6 @@ from isogal.inertial.dead_reckoning import dead_reckoned
 from isogal.inertial.error_state import Estimate, batch_difference
 from isogal.inertial.rotations import from_matrix
 from isogal.passage import Passage
-from isogal.scenario import Settings
 from isogal.sensors.reduction import Reduction, State, reduction_variance
 from isogal_ros import topics
 from isogal_ros.messages.checks import BadMessageError
@@ -165,36 +164,23 @@ class NavQueue(Generic[Item]):
     ----------
     node : GraphNode
         Listens to the navigator and tells its health.
-    settings : Settings
-        Says where the frame ``map`` is, and the navigator's rate.
     handle : callable
         Called with stamp (ns), item, and the navigator's state; None = it said nothing usable of
         that stamp.
-    arrived : callable
-        Called without arguments when the navigator has gone on, or an item has come.
-    in_turn : callable
-        Whether no item of an earlier time than a stamp (ns) can come any more.
     """
 
     def __init__(
-        self,
-        node: GraphNode,
-        settings: Settings,
-        handle: Callable[[int, Item, NavSample | None], None],
-        arrived: Callable[[], None] = lambda: None,
-        in_turn: Callable[[int], bool] = lambda _: True,
+        self, node: GraphNode, handle: Callable[[int, Item, NavSample | None], None]
     ) -> None:
         self.waiting: list[tuple[int, int, Item]] = []
         """Stamps, ranks and items, in order."""
-        self._in_turn = in_turn
-        self._health, self._handle, self._arrived = node.health, handle, arrived
+        self._health, self._handle = node.health, handle
         self.changes: deque[Jump | Gap] = deque(maxlen=REPEATED)
         """Jumps and gaps seen, oldest first; whoever uses them takes them out."""
         self.newest = -1
         """Stamp of the newest state, ns; -1 = none."""
-        self._newest_covariance = -1
-        self._frame = map_frame(settings)
-        self._interval = from_seconds(1.0 / settings.navigation_rate)
+        self._frame = map_frame(node.scenario)
+        self._interval = from_seconds(1.0 / node.scenario.navigation_rate)
         self._stamps: dict[int, _Stamp] = {}
         self._alone: deque[int] = deque(maxlen=KEPT)
         """Stamps of odometry that no fix has come for: within a step of the navigator's there is
@@ -208,14 +194,21 @@ class NavQueue(Generic[Item]):
     def put(self, ns: int, item: Item, rank: int = 0) -> None:
         """Take an item of a stamp, which follows those of the same stamp and no higher rank."""
         insort(self.waiting, (ns, rank, item), key=lambda one: one[:2])
-        self._arrived()
+        self.arrived()
         self._process()
+
+    def arrived(self) -> None:
+        """Look at what has come: the navigator has gone on, or an item is there."""
+
+    def in_turn(self, ns: int) -> bool:
+        """Whether no item of an earlier time than a stamp can come any more."""
+        return True
 
     def begin_anew(self) -> None:
         """Forget all that has come: time may begin anew."""
         for kept in (self.waiting, self.changes, self._stamps, self._alone):
             kept.clear()
-        self.newest = self._newest_covariance = -1
+        self.newest = -1
 
     def _unanswered(self) -> str | None:
         """Say that the navigator's state of a stamp does not come; None = nothing waits for
@@ -234,7 +227,7 @@ class NavQueue(Generic[Item]):
         """Deal with the waiting items as far as the navigator's states reach."""
         while self.waiting:
             ns, _, item = self.waiting[0]
-            if not self._in_turn(ns):
+            if not self.in_turn(ns):
                 return
             try:
                 nav = self.at(ns)
@@ -262,7 +255,7 @@ class NavQueue(Generic[Item]):
         """
         stamp = self._stamps.get(ns)
         if stamp is not None and stamp.pairs:
-            late = ns < self._newest_covariance or ns + LATE * self._interval < self.newest
+            late = ns + LATE * self._interval < self.newest
             if stamp.covariance is None and not late and self._extra.get_publisher_count():
                 return None
             return self._decode(stamp)
@@ -321,7 +314,7 @@ class NavQueue(Generic[Item]):
             if 0 <= self.newest < ns - self._interval - from_seconds(HELD):
                 self.changes.append(Gap(self.newest, ns))
             self.newest = ns
-            self._arrived()
+            self.arrived()
         if self.waiting:
             self._process()
 
@@ -337,7 +330,6 @@ class NavQueue(Generic[Item]):
         stamp = self._stamp(ns)
         if stamp.covariance is None:
             stamp.covariance = data
-            self._newest_covariance = max(self._newest_covariance, ns)
             if self.waiting:
                 self._process()
 

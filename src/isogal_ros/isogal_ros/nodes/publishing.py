@@ -77,11 +77,11 @@ class Publishing:
         return self._bus.count(self.topic.name) + self._others
 
     @property
-    def missing(self) -> str | None:
-        """Say that too few listen; None = enough do."""
+    def missing(self) -> str:
+        """Say that too few listen; empty = enough do."""
         needed = self._listeners + self._node.settings.recorders
         count = self.get_subscription_count()
-        return f"{self.topic.name} {count} of {needed}" if count < needed else None
+        return f"{self.topic.name} {count} of {needed}" if count < needed else ""
 
     def wait(self, deadline: float) -> None:
         """Wait until listeners have had all, or the monotonic clock (s) is at a deadline."""

@@ -1,7 +1,6 @@
 """Running nodes: one node per process for `ros2 run` and launch files, or several in one
 process."""
 
-import faulthandler
 import gc
 import os
 import sys
@@ -31,8 +30,6 @@ COMPILING = (
 """What the first start says."""
 REFUSED = 2
 """Exit code where the input cannot be used."""
-HANGS = 5.0
-"""s after it should have ended when a process writes where its threads are."""
 DRAIN = 10.0
 """s that a node which has nothing left to do may take what is under way."""
 QUIET = 0.3
@@ -105,14 +102,14 @@ def drain(node: GraphNode, executor: Executor, limit: float) -> None:
     limit : float
         s that it lasts at most.
     """
-    if node.received() is None:
-        return
-    count, changed = node.received(), time.monotonic()
-    begun = changed
-    while (now := time.monotonic()) - changed < QUIET and now - begun < limit:
+    count, begun = node.received(), time.monotonic()
+    changed = begun
+    while (
+        count is not None and (now := time.monotonic()) - changed < QUIET and now - begun < limit
+    ):
         executor.spin_once(timeout_sec=0.05)
         if node.received() != count:
-            count, changed = node.received(), time.monotonic()
+            count, changed = node.received(), now
 
 
 def run_node(name: str, make: Callable[[], GraphNode], args: Sequence[str] | None = None) -> int:
@@ -201,9 +198,7 @@ def _run(name: str, make: Callable[[], GraphNode], interrupt: Interrupt) -> int:
     # for what was published
     patience = node.settings.closing_time
     limit = 0.5 * patience if interrupt else DRAIN
-    faulthandler.dump_traceback_later(limit + 0.5 * patience + HANGS)
     drain(node, executor, limit)
     executor.shutdown()
     node.close(0.5 * patience)
-    faulthandler.cancel_dump_traceback_later()
     return int(node.exit_code)

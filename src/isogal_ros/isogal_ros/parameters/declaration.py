@@ -4,21 +4,24 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 
 from pydantic import JsonValue
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from isogal.errors import InputError, nearest
-from isogal.scenario.section import written
-from isogal_ros.parameters.from_model import ParameterSpec, limits, yaml_line
+from isogal_ros.parameters.from_model import ParameterSpec, yaml_line
 from isogal_ros.parameters.values import Values, nested
 
 OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
-def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] = ()) -> Values:
-    """Declare parameters with the overrides of the command line and parameter files; return their
-    values by name, as the model wants them.
+def declare(
+    node: Node,
+    specs: Sequence[ParameterSpec],
+    known: Collection[str],
+    accept: Callable[[Values], None],
+    change: Callable[[Values], None],
+) -> None:
+    """Declare parameters with the overrides of the command line and parameter files.
 
     The node must have been made with ``automatically_declare_parameters_from_overrides``: that is
     the public way to see overrides that nobody declares, which rclpy would ignore in silence.
@@ -27,11 +30,15 @@ def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] =
     ----------
     known : collection of str
         Names that are no parameter of this node but may stand in a file that several nodes share.
+    accept : callable
+        Called with all values by name, as the model wants them, before they are declared.
+    change : callable
+        Called with those that are to change; an InputError refuses the change and is its reason.
 
     Raises
     ------
     InputError
-        An override is unknown, has the wrong type or is out of range.
+        An override is unknown, or no value of the model, or `accept` refuses it.
     """
     overrides = {
         name: parameter.value
@@ -40,25 +47,31 @@ def declare(node: Node, specs: Sequence[ParameterSpec], known: Collection[str] =
     }
     for name in overrides:
         node.undeclare_parameter(name)
+    by_name = {spec.name: spec for spec in specs}
     try:
         values = known_values(overrides, specs, known)
-        for spec in specs:
-            _declare(node, spec, values[spec.name])
         found = fields_of(values, specs)
     except InputError as error:
         raise InputError(f"{node.get_name()}: {error}") from None
-    casts = {spec.name: spec.cast for spec in specs}
+    accept(found)
+    for name, spec in by_name.items():
+        node.declare_parameter(name, values[name], spec.descriptor, ignore_override=True)
 
     def recast(parameters: list[Parameter]) -> list[Parameter]:
-        return [
-            Parameter(item.name, value=casts[item.name](item.value))
-            if item.name in casts
-            else item
-            for item in parameters
-        ]
+        own = [item for item in parameters if item.name in by_name]
+        cast = [Parameter(item.name, value=by_name[item.name].cast(item.value)) for item in own]
+        return cast + [item for item in parameters if item.name not in by_name]
+
+    def take(parameters: list[Parameter]) -> SetParametersResult:
+        own = [item for item in parameters if item.name in by_name]
+        try:
+            change({item.name: by_name[item.name].to_field(item.value) for item in own})
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
 
     node.add_pre_set_parameters_callback(recast)
-    return found
+    node.add_on_set_parameters_callback(take)
 
 
 def known_values(
@@ -91,34 +104,3 @@ def fields_of(values: Values, specs: Sequence[ParameterSpec]) -> Values:
     """Return the model's values for those of all parameters; raises InputError where there is
     none."""
     return {spec.name: spec.to_field(values[spec.name]) for spec in specs}
-
-
-def on_change(node: Node, specs: Sequence[ParameterSpec], apply: Callable[[Values], None]) -> None:
-    """Call `apply` with the new model values of a change; an InputError refuses it and is its
-    reason."""
-    by_name = {spec.name: spec for spec in specs}
-
-    def callback(parameters: list[Parameter]) -> SetParametersResult:
-        known = [parameter for parameter in parameters if parameter.name in by_name]
-        try:
-            apply({item.name: by_name[item.name].to_field(item.value) for item in known})
-        except InputError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    node.add_on_set_parameters_callback(callback)
-
-
-def _declare(node: Node, spec: ParameterSpec, value: JsonValue) -> None:
-    """Declare one parameter."""
-    try:
-        node.declare_parameter(spec.name, value, spec.descriptor, ignore_override=True)
-    except InvalidParameterTypeException:
-        wanted = Parameter.Type(spec.descriptor.type).name.lower()
-        raise InputError(
-            f"parameter {spec.name} must be of type {wanted}, not {written(value)}"
-        ) from None
-    except InvalidParameterValueException:
-        raise InputError(
-            f"parameter {spec.name}: must be {limits(spec.descriptor)}, not {written(value)}"
-        ) from None

@@ -1,10 +1,10 @@
 """The parameters of a pydantic model, from its JSON schema."""
 
-import math
 import sys
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
+from math import inf, isfinite
 from typing import Any
 
 import yaml
@@ -73,7 +73,7 @@ class ParameterSpec:
 def yaml_line(value: JsonValue) -> str:
     """Return a value as YAML in one line; an empty text for None and for what has no entries."""
     plain = _ANYTHING.dump_python(value)  # of sections in a list their keys
-    return yaml.safe_dump(plain, default_flow_style=True, width=math.inf).strip() if value else ""
+    return yaml.safe_dump(plain, default_flow_style=True, width=inf).strip() if value else ""
 
 
 def parameter_specs(
@@ -181,23 +181,21 @@ def _number(
     """Return the parameter of a number; completes its descriptor. A range of ROS includes its
     ends: one that the model leaves out is the next whole number, or else a constraint beside."""
     whole = content["type"] == "integer"
-    kind, step = (int, 1) if whole else (float, 0.0)
-    low, high = content.get("minimum"), content.get("maximum")
-    left_out = []
-    if (end := content.get("exclusiveMinimum")) is not None and (low is None or low <= end):
-        low, left_out = end + step, [f"> {end:g}"]
-    if (end := content.get("exclusiveMaximum")) is not None and (high is None or high >= end):
-        high, left_out = end - step, [*left_out, f"< {end:g}"]
-    descriptor.additional_constraints = "" if whole else ", ".join(left_out)
+    kind, step, largest = (int, 1, 2**63 - 1) if whole else (float, 0.0, sys.float_info.max)
+    above, below = content.get("exclusiveMinimum", -inf), content.get("exclusiveMaximum", inf)
+    low = max(content.get("minimum", -inf), above + step)
+    high = min(content.get("maximum", inf), below - step)
+    left_out = [f"> {above:g}"] if isfinite(above) and low == above else []
+    left_out += [f"< {below:g}"] if isfinite(below) and high == below else []
     if nullable:
-        low = 0
-        descriptor.additional_constraints = "0 stands for null"
+        low, left_out = 0, ["0 stands for null"]
+    descriptor.additional_constraints = ", ".join(left_out)
     descriptor.type = ParameterType.PARAMETER_INTEGER if whole else ParameterType.PARAMETER_DOUBLE
-    if low is not None or high is not None:
-        ends = (-(2**63), 2**63 - 1) if whole else (-sys.float_info.max, sys.float_info.max)
-        low = kind(ends[0] if low is None else low)
-        high = kind(ends[1] if high is None else high)
-        limits = (IntegerRange if whole else FloatingPointRange)(from_value=low, to_value=high)
+    if isfinite(low) or isfinite(high):
+        ends = kind(max(low, -largest)), kind(min(high, largest))
+        limits = (IntegerRange if whole else FloatingPointRange)(
+            from_value=ends[0], to_value=ends[1]
+        )
         setattr(descriptor, "integer_range" if whole else "floating_point_range", [limits])
     null = kind(0) if nullable else None
     return ParameterSpec(descriptor.name, kind(default or 0), descriptor, null)
