@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.joint_batches import JointBatches
-from isogal.matching.update_schedule import UpdateSchedule
+from isogal.matching.map_matching import MapMatching
+from isogal.matching.update_schedule import leading_field
 from isogal.scenario import Assumed
 from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later
@@ -66,7 +66,7 @@ class Scans:
         self._health, self._first, self._taken = node.health, first, taken
         each = assumed.each_field
         self._fields = [_Field(from_seconds(one.gravimeter.interval)) for one in each]
-        self._names, self._lead = assumed.field_names, UpdateSchedule.of(each).lead
+        self._names, self._lead = assumed.field_names, leading_field(each)
         self._begun = False
         self.ended = -1
         """Stamp of the last batch end, ns; readings up to it are too late."""
@@ -136,17 +136,17 @@ class Scans:
         now = self._queue.newest
         return all(one.due > ns or now >= one.due + one.interval for one in self._fields)
 
-    def correct(self, builder: JointBatches, until: int) -> None:
-        """Tell a builder of the navigator's jumps before a stamp (ns), and of the gaps in its
+    def correct(self, matching: MapMatching, until: int) -> None:
+        """Tell the matching of the navigator's jumps before a stamp (ns), and of the gaps in its
         states that ended by then."""
         for change in self._queue.take_changes(until):
             if isinstance(change, Jump):
-                builder.correct(to_seconds(change.ns), change.change)
+                matching.correct(to_seconds(change.ns), change.change)
                 continue
             before, after = change
             if len(before.covariance) == len(after.covariance) == BATCH_STATES:
                 times = to_seconds(before.ns), to_seconds(after.ns)
-                builder.bridge(times[0], before.covariance, times[1], after.covariance)
+                matching.bridge(times[0], before.covariance, times[1], after.covariance)
 
     def _process(self, ns: int, item: tuple[int, Reading], nav: NavSample | None) -> None:
         if nav is None:

@@ -9,7 +9,7 @@ from isogal import plugins
 from isogal.errors import InputError
 from isogal.fields.measured import field_named
 from isogal.matching.interfaces import Matcher
-from isogal.matching.update_schedule import UpdateSchedule
+from isogal.matching.update_schedule import leading_field
 from isogal.scenario import Assumed, validated
 from isogal.scenario import Matcher as MatcherSettings
 
@@ -30,7 +30,7 @@ def build_run_matcher(assumed: Assumed) -> Matcher:
     if len(each) == 1:
         return load_matcher(each[0].matcher, channels[0])
     settings = [one.matcher for one in each]
-    return matcher_of_fields(settings, assumed.field_names, UpdateSchedule.of(each).lead)
+    return matcher_of_fields(settings, assumed.field_names, leading_field(each))
 
 
 def matcher_of_fields(
