@@ -231,24 +231,13 @@ def test_noise_wider_than_the_window_gives_no_fix(rough_map):
     assert "have a contour in the search window" in fix.reason
 
 
-def lines(count, angle):
-    """A track northwards and for each of its points two contour lines, one along north, one along
-    east, after a rigid move."""
-    track = np.stack([200.0 * np.arange(count), np.zeros(count)], axis=1)
-    lever = track - track.mean(axis=0)
-    moved = np.array([30.0, -40.0]) + angle * np.stack([-lever[:, 1], lever[:, 0]], axis=1)
-    along_north = np.arange(count) % 2 == 0
-    tangent = np.where(along_north[:, None], [1.0, 0.0], [0.0, 1.0])
-    return track, moved, tangent
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.02])
-def test_closest_points_lead_to_the_rigid_move(angle):
-    track, point, tangent = lines(20, angle)
+def test_closest_points_lead_to_the_move():
+    # for each point of the track two contour lines, one along north, one along east
+    tangent = np.where(np.arange(20)[:, None] % 2 == 0, [1.0, 0.0], [0.0, 1.0])
+    point = np.tile([30.0, -40.0], (20, 1))
     contours = _Contours(point, tangent, np.ones(20), np.arange(21))
-    shift, turn, nearest = _iterate(track, contours, np.zeros(2), angle != 0.0, 200, 1e-6)
-    np.testing.assert_allclose(shift, [30.0, -40.0], atol=0.01)
-    assert turn == pytest.approx(angle, abs=1e-5)
+    shift, nearest = _iterate(contours, np.zeros(2))
+    np.testing.assert_allclose(shift, [30.0, -40.0], atol=0.2)
     assert np.array_equal(nearest, np.arange(20))
 
 
@@ -275,18 +264,6 @@ def test_exact_on_a_plane_map(region, bias_sigma):
     )
     units = np.array([1.0, 1.0, 1e-3, 1e-3])
     np.testing.assert_allclose(told / units, mean / units, atol=1.0)
-
-
-def test_gate_leaves_a_spike_out(rough_map):
-    batch, _ = make_batch(rough_map, prior_sigma=(100.0, 0.05))
-    batch.reading[10] += 50e-5
-    fix, _ = Sitan(options=SitanOptions(gate=5.0)).match(batch, rough_map, None)
-    assert fix.diagnostics["readings_used"] == 29.0
-    every, _ = Sitan().match(batch, rough_map, None)
-    assert every.diagnostics["misfit"] > 3.0 * fix.diagnostics["misfit"]
-    batch.reading[:] += 1.0
-    none, _ = Sitan(options=SitanOptions(gate=5.0)).match(batch, rough_map, None)
-    assert UNEXPLAINED in none.diagnostics
 
 
 def test_plane_through_a_bowl_by_hand():

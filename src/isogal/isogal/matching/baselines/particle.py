@@ -27,6 +27,13 @@ from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.matching.quasi_random import standard_normal
 
+RESAMPLE = 0.5
+"""Effective share of the particles below which they are resampled."""
+ROUGHENING = 0.2
+"""Spread added at a resampling, in 1-sigma of the particles over N^(1/4)."""
+NOISE = 1.0
+"""m, random walk of the position from scan to scan."""
+
 
 class ParticleOptions(BaseModel):
     """Options of `particle`."""
@@ -34,24 +41,10 @@ class ParticleOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     particles: int = Field(3000, ge=50, le=1_000_000, description="how many")
-    resample: float = Field(
-        0.5,
-        gt=0.0,
-        le=1.0,
-        description="effective share of the particles below which they are resampled",
-    )
-    roughening: float = Field(
-        0.2,
-        ge=0.0,
-        description="spread added at a resampling, in 1-sigma of the particles over N^(1/4)",
-    )
     least: float = Field(
         4.0,
         ge=0.0,
         description="effective particles below which, at any scan, the batch gives no fix",
-    )
-    noise: float = Field(
-        1.0, gt=0.0, description="random walk of the position from scan to scan, m"
     )
 
 
@@ -74,10 +67,10 @@ class Particle(Baseline[ParticleOptions]):
             if not math.isfinite(effective):
                 break
             smallest, rough = min(smallest, effective), np.zeros(2)
-            if effective < options.resample:
+            if effective < RESAMPLE:
                 cloud, spread = _resampled(cloud, uniform[t])
-                rough = options.roughening * options.particles**-0.25 * spread
-            cloud = _predicted(motion, t, cloud, normal[t + 1], options.noise**2, rough)
+                rough = ROUGHENING * options.particles**-0.25 * spread
+            cloud = _predicted(motion, t, cloud, normal[t + 1], rough)
         figures = {"effective_particles": smallest * options.particles}
         if not np.isfinite(cloud.weight).all():
             return declined(batch, "no particle lies on the map", **figures)
@@ -184,9 +177,7 @@ def _weighed(readings: UsableReadings, motion: _Motion, t: int, cloud: _Cloud) -
     return _Cloud(p, u, P - np.outer(across, across) / S, log, weight / weight.sum())
 
 
-def _predicted(
-    motion: _Motion, t: int, cloud: _Cloud, normal: Array, variance: float, rough: Array
-) -> _Cloud:
+def _predicted(motion: _Motion, t: int, cloud: _Cloud, normal: Array, rough: Array) -> _Cloud:
     """Move the particles to the next scan: p' = move p + drive v + noise, and what p' says about
     v.
 
@@ -194,15 +185,13 @@ def _predicted(
     ----------
     normal : (K, 2) array
         Standard normal numbers.
-    variance : float
-        m², of the random walk from scan to scan.
     rough : (2,) array
         m, 1-sigma of what is added after a resampling.
     """
     p, u, P, log, weight = cloud
     drive = motion.drive[t]
     G = drive @ P[:2]
-    C = G[:, :2] @ drive.T + variance * np.eye(2)
+    C = G[:, :2] @ drive.T + NOISE**2 * np.eye(2)
     step = normal @ np.linalg.cholesky(C).T
     gain = np.linalg.solve(C, G)
     moved = p @ motion.move[t].T + u[:, :2] @ drive.T + step
