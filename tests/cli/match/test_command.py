@@ -90,6 +90,8 @@ BAD = {
     "section": (["--set", "route.speed=3"], "only keys that begin with matcher. count here"),
     "option": (["--set", "matcher.options.sample=3"], "of pmht: unknown key 'sample'"),
     "length": (["--batch-length", "x"], "matcher.batch_length"),
+    "short": (["--batch-length", "2"], "(--batch-length): must be at least 3"),
+    "no bag": (["--fix-topic", "x"], "--fix-topic: goes with a bag, not with a text file"),
     "prior": (["--prior-sigma", "0"], "(--prior-sigma) must be 0.001 to 1e+06 m, is 0"),
     "no number": (["--prior-sigma", "nan"], "--prior-sigma: must be finite, is nan"),
     "sensor of another unit": (["--sensor-sigma", "0.5"], "did you mean 0.5mGal?"),

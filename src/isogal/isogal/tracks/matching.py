@@ -36,7 +36,7 @@ from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.fields import TrackField, batch_ends, check_fields, joint_batch, matcher_of
 from isogal.tracks.informative import judged
 from isogal.tracks.places import Shifts
-from isogal.tracks.track import Track, enough_readings
+from isogal.tracks.track import FEWEST, Track, enough_readings
 
 Progress = Callable[[int, int], None]
 """Called with how many batches are done, and how many there are."""
@@ -156,6 +156,10 @@ def match_fields(
     matching = matcher or matcher_of(fields)
     track, settings = fields[0].track, fields[0].settings
     enough_readings(track)
+    if settings.batch_length < FEWEST:
+        raise InputError(
+            f"matcher.batch_length (--batch-length): must be at least {FEWEST} on a recorded track"
+        )
     ends = batch_ends(len(track), settings)
     by_bank = isinstance(matching, TrackMatcher)
     earlier = matching.context + settings.batch_length - (settings.stride or settings.batch_length)

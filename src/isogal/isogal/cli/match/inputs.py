@@ -236,8 +236,10 @@ def _lines(chosen: TrackChoice, crs: str | None) -> "Sequence[Sequence[Track]]":
     """Return the track for each line of a file; of a bag one for each quantity."""
     from isogal.magnetics.flight import read_base_station
     from isogal.tracks.csv_file import read_csv_tracks
-    from isogal.tracks.recording import is_recording, read_recording
+    from isogal.tracks.recording import FIX_TOPIC, is_recording, read_recording
 
+    if chosen.fix_topic is not None and not is_recording(chosen.track):
+        raise InputError(f"--fix-topic: goes with a bag, not with a text file ({chosen.track})")
     if not chosen.track.exists():
         raise InputError(f"{chosen.track}: no such file or folder")
     if chosen.compensation is not None:
@@ -248,7 +250,7 @@ def _lines(chosen: TrackChoice, crs: str | None) -> "Sequence[Sequence[Track]]":
                 raise InputError(
                     f"{option}: goes with a text file, not with a bag ({chosen.track})"
                 )
-        return [read_recording(chosen.track, chosen.fix_topic)]
+        return [read_recording(chosen.track, chosen.fix_topic or FIX_TOPIC)]
     else:
         tracks = read_csv_tracks(chosen.track, crs, chosen.column or "value")
         if unused := tracks[0].unused:

@@ -100,7 +100,9 @@ class TrackChoice:
             " bag's readings it is known.",
         ),
     ] = None
-    fix_topic: Annotated[str, text("TOPIC", "Of a bag: the navigator's position.")] = "nav/fix"
+    fix_topic: Annotated[
+        str | None, text("TOPIC", "Of a bag: the navigator's position; default: nav/fix.")
+    ] = None
     compensation: Annotated[
         Path | None,
         text(
