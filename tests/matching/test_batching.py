@@ -21,7 +21,6 @@ from isogal.fields.simulator import ReadingSimulator
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.strapdown import propagate
 from isogal.matching.batching import BatchBuilder, fix_due
-from isogal.matching.expansion import Soundings
 from isogal.matching.interfaces import Fix
 from isogal.matching.map_matching import MapMatching
 from isogal.matching.pmht.late import sensed
@@ -41,7 +40,6 @@ from isogal.scenario import (
     Scenario,
     changed_scenario,
 )
-from isogal.sensors.altimeter import TerrainReduction
 from isogal.sensors.gravimeter import (
     DisturbanceReduction,
     GravityReduction,
@@ -112,8 +110,14 @@ def flown(trajectory, error=(0.0,) * 7, scans=SCANS) -> Flown:
     return Flown(at[:, :2], at[:, 3:5], Rotation.from_quat(at[:, 6:], scalar_first=True))
 
 
-def builder_of(it: Flown, reading=None, reduction=GRAVITY, context=0, **settings):
-    builder = BatchBuilder(Matcher(**settings), reduction, context)
+def made_builder(context=0, gravimeter=None, **settings) -> BatchBuilder:
+    """Of a scenario that has no errors beside white noise."""
+    gravimeter = gravimeter or Gravimeter()
+    return BatchBuilder(Scenario(matcher=Matcher(**settings), gravimeter=gravimeter), context)
+
+
+def builder_of(it: Flown, reading=None, quantity="gravity", **settings):
+    builder = made_builder(gravimeter=Gravimeter(quantity=quantity), **settings)
     reading = np.arange(len(it.position)) * 1e-5 if reading is None else reading
     for t, (p, v, r) in enumerate(zip(it.position, it.velocity, reading, strict=True)):
         builder.add_scan(10.0 * (t + 1), p[0], p[1], v, r, 1e-5, 2e-6)
@@ -169,14 +173,15 @@ def test_what_xi_explains_and_the_drift_make_up_the_navigators_covariance():
     np.testing.assert_allclose(*with_xi, rtol=1e-9, atol=1e-6)
 
 
-@pytest.mark.parametrize("reduction", [GRAVITY, DisturbanceReduction()])
-def test_wrong_readings_are_wrong_by_the_jacobian_and_correcting_makes_them_right(reduction):
+@pytest.mark.parametrize("quantity", ["gravity", "disturbance"])
+def test_wrong_readings_are_wrong_by_the_jacobian_and_correcting_makes_them_right(quantity):
+    reduction = GRAVITY if quantity == "gravity" else DisturbanceReduction()
     it, truth = flown(TRAJECTORY, ERRORS["all"]), flown(TRAJECTORY)
     error = it.error(truth)
     felt = GRAVITY.raw(9.8, truth.state)
     wrong, right = reduction.reduce(felt, it.state), reduction.reduce(felt, truth.state)
     assert np.abs(wrong - right).max() > 2e-5
-    builder = builder_of(it, wrong, reduction)
+    builder = builder_of(it, wrong, quantity)
     batch = builder.build(INDEPENDENT)
     by_xi = batch.reading_jacobian @ error[-1, :4] + batch.nuisance[:, 2] @ error[-1, 4:]
     np.testing.assert_allclose(by_xi, wrong - right, atol=3e-7)
@@ -190,7 +195,7 @@ def test_wrong_readings_are_wrong_by_the_jacobian_and_correcting_makes_them_righ
 
 def test_batches_hold_context_and_count_what_is_new():
     it = flown(TRAJECTORY, scans=50)
-    builder = BatchBuilder(Matcher(batch_length=20, stride=10), GRAVITY, context=15)
+    builder = made_builder(15, batch_length=20, stride=10)
     batches = []
     for t in range(50):
         assert not builder.ready or t == 0
@@ -215,8 +220,9 @@ def test_scans_come_out_as_they_went_in():
 
 
 def test_soundings_of_several_beams_come_out_less_their_offset():
-    it, beams = flown(TRAJECTORY), Soundings(2, 0.0)
-    builder = BatchBuilder(Matcher(), TerrainReduction(Altimeter()), expansion=beams)
+    it = flown(TRAJECTORY)
+    sounder = {"gravimeter": Gravimeter(sigma=1.0), "altimeter": Altimeter(beams=2)}
+    builder = BatchBuilder(Scenario(field="terrain", **sounder))
     builder.correct(10.0, np.ones(7))  # of nothing
     for t, (place, speed) in enumerate(zip(it.position, it.velocity, strict=True)):
         heights = np.array([[100.0, 0.0, 0.0, 50.0], [90.0, 30.0, 0.0, 50.0]])
@@ -228,7 +234,7 @@ def test_soundings_of_several_beams_come_out_less_their_offset():
 def across_a_gap(before: np.ndarray, after: np.ndarray):
     """A batch of ten scans 10 s apart, with a gap from 42 s to 66 s; the covariances (7, 7) at
     both ends."""
-    builder = BatchBuilder(Matcher(batch_length=10, stride=10), GRAVITY)
+    builder = made_builder(batch_length=10, stride=10)
     it = flown(TRAJECTORY, scans=10)
     for scan in range(10):
         reading = np.nan if scan in (4, 5) else 9.8
@@ -268,7 +274,7 @@ def test_readings_before_a_gap_before_the_last_are_given_up():
     readings = builder.collected.scans.reading
     assert np.isnan(readings[:6]).all()
     assert np.isfinite(readings[6:]).all()
-    again = BatchBuilder(Matcher(batch_length=10, stride=10), GRAVITY)
+    again = made_builder(batch_length=10, stride=10)
     again.collected = builder.collected
     assert again.build(P).cut == 10
 
@@ -292,7 +298,7 @@ def test_changes_of_a_measured_height_may_be_errors_but_not_a_climb() -> None:
     """What readings have beside white noise, per unit of the share that is error: all that the
     height has changed by, but of a climb no more than three 1-sigmas of its errors."""
     sensor = {"source": "barometer", "sigma": 0.3, "bias": 0.0, "scale": 0.0, "weather_sigma": 0.4}
-    builder = BatchBuilder.of(
+    builder = BatchBuilder(
         Scenario(
             matcher=Matcher(batch_length=5),
             height=Height(**sensor),
@@ -317,7 +323,7 @@ def test_two_sensors_of_the_height_leave_less_of_their_errors():
     both = changed_scenario(scenario, [f"heights=[{second}]"], "test")
     found = []
     for one in (scenario, both):
-        builder = BatchBuilder.of(one)
+        builder = BatchBuilder(one)
         for t in range(2):
             builder.add_scan(10.0 * (t + 1), -0.6, 2.5, np.array([10.0, 10.0]), 9.8, 1e-5)
         states = builder.build(np.eye(7)).instrument.parameters
@@ -359,7 +365,7 @@ def test_covariance_is_that_of_the_process_integrated(length: float) -> None:
 
 
 def build(sigma: float):
-    builder = BatchBuilder(Matcher(batch_length=20, stride=10), GRAVITY, context=10)
+    builder = made_builder(10, batch_length=20, stride=10)
     gravity = ResidualGravity(sigma, 20_000.0)
     builder.collected = replace(builder.collected, gravity=gravity)
     for k, (time, velocity) in enumerate(zip(TIMES, VELOCITY, strict=True)):
@@ -428,7 +434,7 @@ def batch_of(it, scans=60, error=(0.0, 0.0), told=True, matcher="pmht"):
     simulator = ReadingSimulator(it, trajectory, MAP, [0])
     reduction = DISTURBANCE.reduction(it)
     instrument = it.gravimeter if told else scenario().gravimeter
-    builder = BatchBuilder(Matcher(name=matcher, batch_length=40), reduction, 0, instrument)
+    builder = made_builder(gravimeter=instrument, name=matcher, batch_length=40)
     metres = horizontal_difference(ORIGIN[0] + 1e-5, ORIGIN[1] + 1e-5, *ORIGIN) / 1e-5
     for j in range(scans):
         i = simulator.index[j]

@@ -186,11 +186,7 @@ def test_what_does_not_fit_is_refused_or_declined():
     for bad, covariance, message in (
         (np.zeros((29, 2)), np.eye(2), r"must have shape \(30, channels\), have \(29, 2\)"),
         (np.zeros(30), np.eye(1), r"must have shape \(30, channels\), have \(30,\)"),
-        (
-            readings,
-            np.eye(3),
-            r"covariance of readings of several channels must have shape \(2, 2\)",
-        ),
+        (readings, np.eye(3), r"have shape \(2, 2\); has \(3, 3\)"),
         (readings, -np.eye(2), "must be positive definite"),
         (readings, np.full((2, 2), np.nan), "must be positive definite"),
     ):

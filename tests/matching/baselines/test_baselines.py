@@ -11,14 +11,12 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.baselines.iccp import Iccp, _Contours, _iterate
 from isogal.matching.baselines.readings import (
-    AssumedNoise,
-    ReadingArrays,
     UsableReadings,
     publish_measured,
     publish_posterior,
     shift_covariance,
 )
-from isogal.matching.baselines.sitan import Sitan, SitanOptions, plane
+from isogal.matching.baselines.sitan import plane
 from isogal.matching.baselines.tercom import Tercom
 from isogal.matching.baselines.viterbi import Viterbi, _emissions, _trellis
 from isogal.matching.failures import UNEXPLAINED
@@ -197,15 +195,14 @@ def test_readings_in_and_out(rough_map):
     reading = np.array(make_batch(rough_map)[0].reading)
     reading[3] = np.nan
     batch, _ = make_batch(rough_map, reading=reading, new=20)
-    noise = AssumedNoise(map_sigma=2e-5)
-    whole = UsableReadings.of(batch, rough_map, noise, whole=True)
-    new = UsableReadings.of(batch, rough_map, AssumedNoise(), whole=False)
+    whole = UsableReadings.of(batch, rough_map, 2e-5)
+    new = UsableReadings.of(batch, rough_map, whole=False)
     assert list(whole.row) == [0, 1, 2, *range(4, 30)]
     assert list(new.row) == list(range(10, 30))
-    np.testing.assert_allclose(whole.arrays.sigma, np.hypot(1e-5, 2e-5))
+    np.testing.assert_allclose(whole.sigma, np.hypot(1e-5, 2e-5))
     known = field_map_of(lambda n, e: 1e-8 * n + 0.0 * e, sigma=4e-5, quantisation=1e-6)
     np.testing.assert_allclose(
-        UsableReadings.of(batch, known, noise, whole=True).arrays.sigma,
+        UsableReadings.of(batch, known, 2e-5).sigma,
         np.sqrt(1e-10 + 16e-10 + 1e-12 / 12.0),
     )
 
@@ -248,13 +245,13 @@ def test_exact_on_a_plane_map(region, bias_sigma):
     batch, _ = make_batch(
         tilted, (200.0, -100.0, 0.05, 0.0), sigma=1e-5, jacobian=(-8e-9, 0.0, 6e-6, 1.2e-4)
     )
-    noise = AssumedNoise(bias_sigma=bias_sigma)
-    fix, _ = Sitan(noise, SitanOptions(region=region)).match(batch, tilted, None)
+    matcher = build("sitan", bias_sigma=bias_sigma, options={"region": region})
+    fix, _ = matcher.match(batch, tilted, None)
     # least squares on all readings at once; a plane in metres is a plane in degrees up to the
     # map's curvature, a metre here
-    readings = UsableReadings.of(batch, tilted, noise, whole=True)
+    readings = UsableReadings.of(batch, tilted)
     residual, slope = readings.linearise(tilted, np.zeros(4))
-    R = np.diag(readings.arrays.sigma**2) + bias_sigma**2
+    R = np.diag(readings.sigma**2) + bias_sigma**2
     matrix = slope.T @ np.linalg.solve(R, slope)
     np.testing.assert_allclose(fix.information.matrix, matrix, rtol=2e-3, atol=1e-4 * matrix.max())
     posterior = np.linalg.inv(np.linalg.inv(batch.prior) + matrix)
@@ -287,8 +284,8 @@ def test_trellis_equals_trying_all_paths():
     start = -0.5 * (side[:, None] ** 2 + side[None, :] ** 2) / 100.0**2
     noise = np.full(scans, sigma)
     transition = np.zeros((scans, 2, 4))
-    arrays = ReadingArrays(grid, latitude, longitude, radian, level, noise, transition, jacobian)
-    readings = UsableReadings(arrays, np.arange(scans))
+    columns = grid, latitude, longitude, radian, level, noise, transition, jacobian
+    readings = UsableReadings(*columns, np.arange(scans))
     place = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
     path, marginal = _trellis(_emissions(readings, place, 120.0, noise**2), start, drift)
 

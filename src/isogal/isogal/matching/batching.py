@@ -10,7 +10,7 @@ from isogal.arrays import Array
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.measured import measured_field
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
-from isogal.matching.expansion import Expansion, expansion_of
+from isogal.matching.expansion import expansion_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import InstrumentErrors, Parameters
 from isogal.matching.path import Path, sensed
@@ -31,11 +31,11 @@ from isogal.matching.transitions import (
 )
 from isogal.matrices import symmetric
 from isogal.passage import History
-from isogal.scenario import Assumed, Gravimeter, Height
+from isogal.scenario import Assumed
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
 from isogal.sensors.platform import mean_error
-from isogal.sensors.reduction import Reduction, State
+from isogal.sensors.reduction import State
 
 
 def fix_due(scans: int, settings: MatcherSettings) -> bool:
@@ -51,59 +51,33 @@ class BatchBuilder:
 
     Parameters
     ----------
-    settings : scenario.Matcher
-    reduction : Reduction
-        How the readings were reduced; says how the navigator's error got into them.
+    assumed : Assumed
+        Of one field: section `matcher`, how its readings are reduced, and what is known of them
+        and of the height that they are reduced with.
     context : int
         How many scans before the batch the matcher wants to see as well.
-    instrument : scenario.Gravimeter, optional
-        What is known of readings that are one number: how late they are, and their noise beside
-        the white one; default: nothing.
-    height : scenario.Height, optional
-        What is known of the height that readings are reduced with; default: that it is exact.
-    expansion : Expansion, optional
-        Of readings that are more than one number.
     marks : int
         How many empty scans (`mark`) there may be in a batch beside its own.
+
+    Raises
+    ------
+    InputError
+        What is assumed cannot be used.
     """
 
-    def __init__(
-        self,
-        settings: MatcherSettings,
-        reduction: Reduction,
-        context: int = 0,
-        instrument: Gravimeter | None = None,
-        height: Height | None = None,
-        expansion: Expansion | None = None,
-        marks: int = 0,
-    ) -> None:
-        self.settings = settings
-        self.expansion = expansion
-        self.reduction = reduction
-        self.instrument = instrument or Gravimeter()
-        self._height = height or Height()
-        shape = (1, 1) if expansion is None else expansion.shape
+    def __init__(self, assumed: Assumed, context: int = 0, marks: int = 0) -> None:
+        self.settings, self.instrument = assumed.matcher, assumed.gravimeter
+        self.expansion = expansion_of(assumed)
+        self.reduction = measured_field(assumed).reduction(assumed)
+        self._height = assumed.height.together(assumed.heights or ())
+        shape = (1, 1) if self.expansion is None else self.expansion.shape
         lag = Lag.of(self.instrument)
-        self._filters = shape[0] == 1 and able(settings.name, "takes_filters")
+        self._filters = shape[0] == 1 and able(self.settings.name, "takes_filters")
         self._lag = lag._replace(filter_time=0.0) if self._filters else lag
-        self._longest = settings.batch_length + context + marks
+        self._longest = self.settings.batch_length + context + marks
         self._kept = self._longest + math.ceil(self._lag.reach / self.instrument.interval)
         self.collected = Collected(Scans.none(shape))
         """What there is so far; may be set to what an earlier builder had."""
-
-    @classmethod
-    def of(cls, assumed: Assumed, context: int = 0, marks: int = 0) -> "BatchBuilder":
-        """Return the builder of a scenario's batches for a matcher with a context, with room for
-        marks; raises InputError where the scenario cannot be used."""
-        return cls(
-            assumed.matcher,
-            measured_field(assumed).reduction(assumed),
-            context,
-            assumed.gravimeter,
-            assumed.height.together(assumed.heights or ()),
-            expansion_of(assumed),
-            marks,
-        )
 
     @property
     def ready(self) -> bool:

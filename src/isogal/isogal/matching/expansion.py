@@ -22,6 +22,7 @@ from isogal.matching.interfaces import Batch, Layout
 from isogal.matching.parameters import Parameters
 from isogal.matching.reading_noise import scan_noise
 from isogal.matching.registry import able, require
+from isogal.matrices import symmetric
 from isogal.scenario import Assumed, Gradiometer
 from isogal.sensors.altimeter import PARTS
 from isogal.sensors.gradiometer import EOTVOS, tilt_effect
@@ -121,7 +122,7 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
         known for other channels, and taken as nothing.
     readings : (T, C) array
         Unit of the maps; NaN = no reading of that channel at that scan.
-    covariance : (C, C) or (T, C, C) array
+    covariance : (C, C) array
         Of the sensor's noise, positive definite.
 
     Raises
@@ -129,15 +130,20 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
     InputError
         Shapes that do not fit, or a covariance that is not positive definite.
     """
-    readings = np.asarray(readings, dtype=np.float64)
+    readings, covariance = np.asarray(readings, np.float64), np.asarray(covariance, np.float64)
     if readings.ndim != 2 or readings.shape[0] != len(batch):
         raise InputError(
             f"readings of several channels must have shape ({len(batch)}, channels),"
             f" have {readings.shape}"
         )
     scans, channels = readings.shape
-    blocks = _of_each_scan(np.asarray(covariance, dtype=np.float64), scans, channels)
-    white, common = scan_noise(blocks)
+    fits = covariance.shape == (channels, channels) and np.isfinite(covariance).all()
+    if not (fits and np.linalg.eigvalsh(symmetric(covariance))[0] > 0.0):
+        raise InputError(
+            "covariance of readings of several channels must be positive definite, and have shape"
+            f" ({channels}, {channels}); has {covariance.shape}"
+        )
+    white, common = scan_noise(symmetric(covariance), scans)
     rows = _repeated(batch, channels)
     not_of_readings = np.array([1.0, 1.0, 0.0])[:, None]
     apart = rows.apart
@@ -157,23 +163,6 @@ def _repeated(batch: Batch, count: int) -> Batch:
     scan's own place and velocity alone."""
     rows = batch.part(np.repeat(np.arange(len(batch)), count))
     return replace(rows, new=batch.new * count, instrument=replace(rows.instrument, added=None))
-
-
-def _of_each_scan(covariance: Array, scans: int, channels: int) -> Array:
-    """Return the covariance (T, C, C) of each scan's readings from that or one for all of them,
-    (C, C); raises InputError as `channel_batch`."""
-    if covariance.shape not in ((channels, channels), (scans, channels, channels)):
-        raise InputError(
-            f"covariance of readings of several channels must have shape ({channels}, {channels})"
-            f" or with {scans} scans in front, has {covariance.shape}"
-        )
-    blocks = np.broadcast_to(covariance, (scans, channels, channels))
-    if not (
-        np.isfinite(blocks).all()
-        and (np.linalg.eigvalsh(0.5 * (blocks + blocks.swapaxes(1, 2))) > 0.0).all()
-    ):
-        raise InputError("covariance of readings of several channels must be positive definite")
-    return np.asarray(0.5 * (blocks + blocks.swapaxes(1, 2)))
 
 
 def _slow_errors(assumed: Gradiometer, batch: Batch) -> Parameters:

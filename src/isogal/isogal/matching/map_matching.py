@@ -65,7 +65,7 @@ class MapMatching:
         """The field that says when a batch ends."""
         between = time_between_fixes(each[self.lead])
         self.builders = [
-            BatchBuilder.of(
+            BatchBuilder(
                 one,
                 self.matcher.context,
                 # how many batch ends there are at most in a batch of a field

@@ -134,7 +134,7 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
     for line, corridor in zip(lines, corridors, strict=True):
         field_map: ScalarMap | None
         field_map = learnt[0] if learnt else _at_height(map_, chosen, corridor.window)
-        field_map = field_map or map_.load_along(corridor)
+        field_map = field_map or map_.load_part(corridor)
         unit, factor = _unit_of(chosen.track_unit, field_map, line[0])
         sigma = assumed.reading_sigma(field_map, factor) if learnt is None else learnt[1]
         track = _track(line, field_map, factor, sigma, chosen.reduction)
@@ -206,9 +206,7 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
 
     if chosen.height is None:
         return None
-    # a map need not be read where the level is given
-    level = chosen.map_height
-    level = _level(chosen, map_.load(window)) if level is None else level
+    level = _level(chosen, map_.load(window))
     rim = rim_of(chosen.height - level)
     wide = map_.load(window.grown(rim)._replace(most_cells=2 * window.most_cells))
     return continued(wide, chosen.height, level, window=window).window(*window[:4])
@@ -238,19 +236,21 @@ def _lines(chosen: TrackChoice, crs: str | None) -> "Sequence[Sequence[Track]]":
     from isogal.tracks.csv_file import read_csv_tracks
     from isogal.tracks.recording import FIX_TOPIC, is_recording, read_recording
 
-    if chosen.fix_topic is not None and not is_recording(chosen.track):
-        raise InputError(f"--fix-topic: goes with a bag, not with a text file ({chosen.track})")
+    of_bag = is_recording(chosen.track)
+    for option, given, goes_with_bag in (
+        ("--fix-topic", chosen.fix_topic, True),
+        ("--base", chosen.base, False),
+        ("--column", chosen.column, False),
+    ):
+        if given is not None and of_bag != goes_with_bag:
+            kind = "bag" if goes_with_bag else "text file"
+            raise InputError(f"{option}: goes with a {kind}, which {chosen.track} is not")
     if not chosen.track.exists():
         raise InputError(f"{chosen.track}: no such file or folder")
+    if of_bag:
+        return [read_recording(chosen.track, chosen.fix_topic or FIX_TOPIC)]
     if chosen.compensation is not None:
         tracks = [_compensated(chosen.track, chosen.compensation)]
-    elif is_recording(chosen.track):
-        for option, given in (("--base", chosen.base), ("--column", chosen.column)):
-            if given is not None:
-                raise InputError(
-                    f"{option}: goes with a text file, not with a bag ({chosen.track})"
-                )
-        return [read_recording(chosen.track, chosen.fix_topic or FIX_TOPIC)]
     else:
         tracks = read_csv_tracks(chosen.track, crs, chosen.column or "value")
         if unused := tracks[0].unused:
@@ -427,14 +427,12 @@ def _keys(text: str) -> dict[str, str]:
     """Return the keys and values of ``KEY=VALUE,...``; raises InputError."""
     given: dict[str, str] = {}
     for part in text.split(","):
-        key, sign, value = part.partition("=")
-        key, value = key.strip(), value.strip()
-        if not sign or not value:
-            raise InputError(f"--also {text}: '{part}' is not KEY=VALUE")
-        if key not in KEYS:
-            raise InputError(f"--also {text}: unknown key '{key}'; known: {', '.join(KEYS)}")
-        if key in given:
-            raise InputError(f"--also {text}: {key} is given twice")
+        key, _, value = (word.strip() for word in part.partition("="))
+        if key not in KEYS or not value or key in given:
+            raise InputError(
+                f"--also {text}: '{part}' must be KEY=VALUE, each of these at most once:"
+                f" {', '.join(KEYS)}"
+            )
         given[key] = value
     missing = [key for key in _REQUIRED if key not in given]
     if missing:

@@ -74,18 +74,13 @@ class Iccp(Baseline[IccpOptions]):
     options_model = IccpOptions
     whole = True
 
-    @property
-    def fewest(self) -> int:
-        """Readings that a fix needs."""
-        return self.options.min_scans
-
     def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
         options, deviation = self.options, np.sqrt(np.diag(batch.prior)[:2])
         half = max(options.window * float(deviation.max()), LEAST_HALF_WIDTH)
         # a wrong velocity moves all contours by its Eötvös term
         wrong = readings.velocity_variance(batch.prior[2:, 2:])
-        sigma = np.sqrt(readings.arrays.sigma**2 + wrong)
+        sigma = np.sqrt(readings.sigma**2 + wrong)
         contours = _crossings(readings, sigma, half)
         if (found := int((np.diff(contours.first) > 0).sum())) < options.min_scans:
             return declined(
@@ -116,7 +111,7 @@ class Iccp(Baseline[IccpOptions]):
             return declined(batch, "the best track leaves the map")
         excess = max(best.misfit / (len(readings) - 2), 1.0)
         _, slope = readings.linearise(field_map, np.concatenate([best.error, [0.0, 0.0]]))
-        sigma = readings.arrays.sigma * np.sqrt(excess)
+        sigma = readings.sigma * np.sqrt(excess)
         covariance = shift_covariance(slope, sigma, batch.prior[2:, 2:], 10.0 * half)
         weight = np.exp(-0.5 * (misfit - best.misfit) / excess)
         apart = np.array([end.error for end in ends]) - best.error
@@ -175,7 +170,7 @@ def _crossings(readings: UsableReadings, sigma: Array, half: float) -> _Contours
     side = np.linspace(-half, half, CELLS + 1)
     lattice = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
     each = (len(readings), *lattice.shape)
-    jacobian = readings.arrays.jacobian[:, None, None, :2]
+    jacobian = readings.jacobian[:, None, None, :2]
     # at a point of the lattice the navigator's error would be the opposite
     difference, *slope = readings.compared(np.broadcast_to(-lattice, each))
     difference = difference + (jacobian * lattice).sum(axis=-1)

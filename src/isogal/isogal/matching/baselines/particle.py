@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
 from isogal.matching.baselines.baseline import Baseline
-from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
+from isogal.matching.baselines.readings import UsableReadings, publish_posterior
 from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.matching.quasi_random import standard_normal
@@ -56,10 +56,10 @@ class Particle(Baseline[ParticleOptions]):
 
     def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
-        options, arrays = self.options, readings.arrays
+        options = self.options
         normal, uniform = _random_numbers(options.particles, len(readings) + 1)
-        cloud = _first_cloud(arrays.transition[0], batch.prior, self.noise.bias_sigma, normal[0])
-        motion = _Motion.of(arrays, batch.transition[-1])
+        cloud = _first_cloud(readings.transition[0], batch.prior, self.bias_sigma, normal[0])
+        motion = _Motion.of(readings, batch.transition[-1])
         smallest, rough = 1.0, np.zeros(2)
         for t in range(len(readings)):
             cloud = _weighed(readings, motion, t, cloud)
@@ -101,7 +101,7 @@ class _Motion(NamedTuple):
     """(N, 2, 2)."""
 
     @classmethod
-    def of(cls, readings: ReadingArrays, last: Array) -> "_Motion":
+    def of(cls, readings: UsableReadings, last: Array) -> "_Motion":
         """Take both from the readings' dependence on xi; `last` (2, 4) is the transition of the
         batch end. With p = A_p xi_p + A_v v, xi = (A_p^-1 (p - A_v v), v)."""
         transition, jacobian = readings.transition, readings.jacobian
@@ -166,7 +166,7 @@ def _weighed(readings: UsableReadings, motion: _Motion, t: int, cloud: _Cloud) -
     difference = readings.compared(p[None], slice(t, t + 1))[0][0]
     h = np.append(motion.by_velocity[t], 1.0)
     across = P @ h
-    S = readings.arrays.sigma[t] ** 2 + h @ across
+    S = readings.sigma[t] ** 2 + h @ across
     r = difference - p @ motion.by_position[t] - u @ h
     off = np.isnan(r)
     r = np.where(off, 0.0, r)

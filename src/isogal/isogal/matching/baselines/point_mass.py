@@ -54,7 +54,7 @@ class PointMass(Baseline[PointMassOptions]):
         gain = np.asarray(np.linalg.solve(prior, batch.prior[:2, 2:]).T, np.float64)
         linear = np.zeros((3, 3))
         linear[:2, :2] = batch.prior[2:, 2:] - gain @ batch.prior[:2, 2:]
-        linear[2, 2] = self.noise.bias_sigma**2
+        linear[2, 2] = self.bias_sigma**2
         information = np.linalg.inv(prior)
         # the grid lies along the axes of the nodes that carry weight; at first, of the prior
         centre = np.zeros(2)
@@ -151,7 +151,7 @@ def _nodes(
     (1 + P D'WD), W the inverse variances of the noise. The mean velocity of a node is `gain`
     (2, 2) times its position."""
     xi = np.concatenate([position, position @ gain.T], axis=1)
-    weight = readings.arrays.sigma**-2.0
+    weight = readings.sigma**-2.0
     r, slope = readings.linearise(field_map, xi)
     off = np.isnan(r).any(axis=0)
     r = np.where(off, 0.0, r)

@@ -47,7 +47,7 @@ class Sitan(Baseline[SitanOptions]):
         """Return the fix of a batch (see `Baseline`)."""
         mean, covariance = np.zeros(5), np.zeros((5, 5))
         covariance[:4, :4] = batch.prior
-        covariance[4, 4] = self.noise.bias_sigma**2
+        covariance[4, 4] = self.bias_sigma**2
         used, misfit = 0, 0.0
         for t in range(len(readings)):
             level, h, variance = _linear(readings, t, mean, covariance, self.options.region)
@@ -93,8 +93,7 @@ def _linear(
 ) -> tuple[float, Array, float]:
     """Return what the estimate (5,), (5, 5) of xi and bias leaves of reading t, but for the bias,
     the reading's derivative (5,) by them, and the variance of its noise."""
-    arrays = readings.arrays
-    transition, jacobian = arrays.transition[t], arrays.jacobian[t]
+    transition, jacobian = readings.transition[t], readings.jacobian[t]
     moved = transition @ mean[:4]
     spread = transition @ covariance[:4, :4] @ transition.T
     half, left = region * np.sqrt(np.diag(spread)), 0.0
@@ -109,4 +108,4 @@ def _linear(
         )
         slope = np.array(by_place)
     h = np.append(jacobian - slope @ transition, 1.0)
-    return level - float(jacobian @ mean[:4]), h, arrays.sigma[t] ** 2 + left
+    return level - float(jacobian @ mean[:4]), h, readings.sigma[t] ** 2 + left

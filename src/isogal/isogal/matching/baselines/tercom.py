@@ -57,11 +57,6 @@ class Tercom(Baseline[TercomOptions]):
     options_model = TercomOptions
     whole = True
 
-    @property
-    def fewest(self) -> int:
-        """Readings that a fix needs."""
-        return self.options.min_scans
-
     def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
         half = np.maximum(
@@ -87,12 +82,12 @@ class Tercom(Baseline[TercomOptions]):
     def _search(self, readings: UsableReadings, side: list[Array]) -> tuple[Array, Array]:
         """Return mean absolute and mean square difference (n, m) at the shifts of two sides (n,)
         north and (m,) east, m; NaN off the map."""
-        arrays, found = readings.arrays, []
+        found = []
         for north in side[0]:
             shift = np.stack(np.broadcast_arrays(north, side[1]), axis=-1)
-            residual, *_ = readings.compared(shift @ arrays.transition[:, :, :2].swapaxes(1, 2))
-            residual -= arrays.jacobian[:, :2] @ shift.T
-            if self.noise.bias_sigma > 0.0:  # an unknown constant takes the mean off
+            residual, *_ = readings.compared(shift @ readings.transition[:, :, :2].swapaxes(1, 2))
+            residual -= readings.jacobian[:, :2] @ shift.T
+            if self.bias_sigma > 0.0:  # an unknown constant takes the mean off
                 residual -= residual.mean(axis=0)
             found.append((np.abs(residual).mean(axis=0), (residual**2).mean(axis=0)))
         absolute, square = np.stack(found, axis=1)
@@ -113,7 +108,7 @@ class Tercom(Baseline[TercomOptions]):
         # of Gaussian residuals the mean absolute value is sqrt(2/pi) sigma; the shift has used up
         # two of them
         seen = mad * math.sqrt(math.pi / 2.0) * math.sqrt(count / (count - 2.0))
-        sigma = np.maximum(readings.arrays.sigma, seen)
+        sigma = np.maximum(readings.sigma, seen)
         _, slope = readings.linearise(field_map, np.concatenate([best, [0.0, 0.0]]))
         if not np.isfinite(slope).all():
             return declined(
