@@ -8,7 +8,7 @@ from rclpy.serialization import deserialize_message
 
 from ins_sim_node.settings import InsSimSettings
 from isogal.matching.batching import fix_due
-from isogal.matching.update_schedule import leading_field
+from isogal.matching.registry import leading_field
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.prepared import peek_ns

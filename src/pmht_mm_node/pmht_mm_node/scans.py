@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
 from isogal.matching.map_matching import MapMatching
-from isogal.matching.update_schedule import leading_field
+from isogal.matching.registry import leading_field
 from isogal.scenario import Assumed
 from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later

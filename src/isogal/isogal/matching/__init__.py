@@ -10,7 +10,6 @@
     expansion              readings that are more than one number: channels, the own field of a
                            vehicle, footprints of several beams
     parameters             constants, or what changes slowly, estimated along
-    update_schedule        which field's batch ends are everybody's
     map_matching           readings of all fields of a run to fixes
     usability              whether a batch can be used at all
     failures               a matcher that raises declines the batch

@@ -13,10 +13,9 @@ from isogal.maps.channels import RouteMap
 from isogal.matching.batching import BatchBuilder
 from isogal.matching.failures import match_or_decline
 from isogal.matching.interfaces import Batch, Fix, Matcher, SecondaryBatch, declined
-from isogal.matching.registry import build_run_matcher
+from isogal.matching.registry import build_run_matcher, leading_field, time_between_fixes
 from isogal.matching.residual_gravity import ResidualGravity
 from isogal.matching.scans import Collected
-from isogal.matching.update_schedule import leading_field, time_between_fixes
 from isogal.passage import Passage
 from isogal.scenario import Assumed
 from isogal.sensors.trajectory import build_trajectory

@@ -26,8 +26,7 @@ from isogal.maps.channels import RouteMap
 from isogal.maps.several import RunMap, each_map, first_map
 from isogal.matching.batching import fix_due
 from isogal.matching.interfaces import Matcher
-from isogal.matching.registry import build_run_matcher
-from isogal.matching.update_schedule import leading_field
+from isogal.matching.registry import build_run_matcher, leading_field
 from isogal.montecarlo.recorder import Recorder
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario
