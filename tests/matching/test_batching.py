@@ -545,7 +545,7 @@ def test_map_error_between_scans_is_a_gauss_markov_process():
 def test_the_last_scans_are_kept_in_their_order(most: int, added: int, channels: int) -> None:
     scans = Scans.none((channels, 2))
     for k in range(added):
-        reading = np.arange(2.0 * channels) + k if k % 2 else np.nan
+        reading = np.arange(2.0 * channels).reshape(channels, 2) + k if k % 2 else np.nan
         scans = scans.added(
             most, 10.0 * k, -0.6, 2.5, np.array([10.0, -k]), reading, 1.0, 0.5 * k, 100.0, 0.0
         )

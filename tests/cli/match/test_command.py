@@ -95,7 +95,6 @@ BAD = {
     "prior": (["--prior-sigma", "0"], "'--prior-sigma'"),
     "velocity": (["--velocity-sigma", "-1"], "'--velocity-sigma'"),
     "walk": (["--chain", "--walk-sigma", "1e9"], "'--walk-sigma'"),
-    "no number": (["--prior-sigma", "nan"], "'--prior-sigma'"),
     "sensor of another unit": (["--sensor-sigma", "0.5"], "did you mean 0.5mGal?"),
     "unit of the map's error": (["--map-sigma", "3nT"], "'nT' does not fit a disturbance map"),
     "sensor": (["--sensor-sigma", "0"], "--sensor-sigma: must be > 0"),

@@ -134,14 +134,20 @@ class BatchBuilder:
         """
         earlier = self.collected.scans.level
         level = surely_at(self._height, earlier[-1] if len(earlier) else height, height)
+        if isinstance(reading, np.ndarray):
+            reading = reading.reshape(self.collected.scans.reading.shape[1:])
         place = latitude, longitude, velocity
-        self._add(time, *place, reading, sigma, offset, height, level)
-        self.collected = replace(self.collected, count=self.collected.count + 1)
+        self._add(1, time, *place, reading, sigma, offset, height, level)
 
-    def _add(self, *scan: float | Array) -> None:
+    def _add(self, counted: int, *scan: float | Array) -> None:
+        """Add a scan, which counts or not."""
         known = self.collected
-        scans = known.scans.added(self._kept, *scan)
-        self.collected = replace(known, scans=scans, unused=known.unused + 1)
+        self.collected = replace(
+            known,
+            scans=known.scans.added(self._kept, *scan),
+            count=known.count + counted,
+            unused=known.unused + 1,
+        )
 
     def mark(self, end: "BatchBuilder") -> bool:
         """Add an empty scan where another builder's newest one is, unless this one has its newest
@@ -151,8 +157,7 @@ class BatchBuilder:
         time = float(newest.time[0])
         if time > own[-1] + 1e-9:
             nothing = {"reading": np.array([np.nan]), "sigma": np.array([self.instrument.sigma])}
-            empty = newest._replace(**nothing)
-            self._add(*(column[0] for column in empty))
+            self._add(0, *(column[0] for column in newest._replace(**nothing)))
         return bool(own[-1] <= time + 1e-9)
 
     def bridge(self, begin: float, before: Array, end: float, after: Array) -> None:

@@ -63,16 +63,13 @@ class MapMatching:
         self.lead = leading_field(each)
         """The field that says when a batch ends."""
         between = time_between_fixes(each[self.lead])
+        # of the leading field's batch ends, how many there may be in a batch of another
+        spans = [one.matcher.batch_length * one.gravimeter.interval for one in each]
+        marks = [math.ceil(span / between) + 1 for span in spans]
+        marks[self.lead] = 0
         self.builders = [
-            BatchBuilder(
-                one,
-                self.matcher.context,
-                # how many batch ends there are at most in a batch of a field
-                0
-                if field == self.lead
-                else math.ceil(one.matcher.batch_length * one.gravimeter.interval / between) + 1,
-            )
-            for field, one in enumerate(each)
+            BatchBuilder(one, self.matcher.context, most)
+            for one, most in zip(each, marks, strict=True)
         ]
         if gravity is None:
             gravity = residual_gravity(assumed.gravity_field, build_trajectory(assumed))

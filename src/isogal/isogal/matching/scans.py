@@ -42,11 +42,12 @@ class Scans(NamedTuple):
     def added(self, most: int, *numbers: float | Array) -> "Scans":
         """Return the last ones, so many at most, of these and one more, of which `numbers` are
         given in the order of the columns."""
+        kept = slice(max(len(self.time) - most + 1, 0), None)
         each = []
         for column, number in zip(self, numbers, strict=True):
             new = np.empty((1, *column.shape[1:]))
-            new[0] = number if np.ndim(number) == 0 else np.reshape(number, column.shape[1:])
-            each.append(np.concatenate([column, new])[-most:])
+            new[0] = number
+            each.append(np.concatenate((column[kept], new)))
         return Scans(*each)
 
 

@@ -86,29 +86,27 @@ class FieldChoice:
         """
         one, track = field.scalar_map, field.track
         changes = matching.changes() + self.assumed.changes(one, track.factor)
-        given = {item.partition("=")[0] for item in changes}
-        length = "matcher.map_correlation_length"
-        if length not in given and one.correlation_length is not None:
-            changes.append(f"{length}={one.correlation_length!r}")
         settings = _scenario(changes).matcher
-        if "matcher.map_sigma" not in given and not one.states_error:
+        given, more = settings.model_fields_set, dict[str, float | None]()
+        if "map_correlation_length" not in given and one.correlation_length is not None:
+            more["map_correlation_length"] = one.correlation_length
+        if "map_sigma" not in given and not one.states_error:
             note(
                 "the map does not say how wrong it is, which is estimated along the track; give"
                 " --map-sigma where it is known"
             )
         if matching.whole:
-            whole = {"batch_length": max(len(track), 2), "stride": None}
-            settings = settings.model_copy(update=whole)
+            more |= {"batch_length": len(track), "stride": None}
         doubt = track.normal_gravity_in_doubt(one.quantity) * self.assumed.prior_sigma
-        if doubt == 0.0 or self.track.reduction is not None:
-            return settings
-        note(
-            f"{track.where}: offset holds normal gravity; as it does not say at which latitude, an"
-            f" unknown constant of {doubt / track.factor:.2g} {field.unit} is allowed for. Say"
-            " --reduction latitude if it was the track's own, else --reduction none"
-        )
-        bias = math.hypot(settings.bias_sigma, doubt)
-        return settings.model_copy(update={"bias_sigma": bias})
+        if doubt > 0.0 and self.track.reduction is None:
+            note(
+                f"{track.where}: offset holds normal gravity; as it does not say at which"
+                f" latitude, an unknown constant of {doubt / track.factor:.2g} {field.unit} is"
+                " allowed for. Say --reduction latitude if it was the track's own, else --reduction"
+                " none"
+            )
+            more["bias_sigma"] = math.hypot(settings.bias_sigma, doubt)
+        return settings.model_copy(update=more)
 
 
 def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
