@@ -102,8 +102,8 @@ class FieldChoice:
             note(
                 f"{track.where}: offset holds normal gravity; as it does not say at which"
                 f" latitude, an unknown constant of {doubt / track.factor:.2g} {field.unit} is"
-                " allowed for. Say --reduction latitude if it was the track's own, else --reduction"
-                " none"
+                " allowed for. Say --reduction latitude if it was the track's own, else"
+                " --reduction none"
             )
             more["bias_sigma"] = math.hypot(settings.bias_sigma, doubt)
         return settings.model_copy(update=more)
