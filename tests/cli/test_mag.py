@@ -152,7 +152,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path, columns, said):
 
 def test_bad_options_are_refused(tmp_path, calibration):
     out = tmp_path / "own.yaml"
-    assert "band" in refusal("mag", "calibrate", calibration, "--out", out, "--band", "2,1")
+    assert "'--lag'" in refusal("mag", "calibrate", calibration, "--out", out, "--lag", "1e9")
     out.write_text("a: 1\n")
     assert "holds no compensation" in refusal(
         "mag", "compensate", calibration, "--coefficients", out, "--out", tmp_path / "x.csv"

@@ -25,6 +25,7 @@ def file(small_map, tmp_path):
     [
         ("none.nc", (), "none.nc: no such file or folder"),
         ("map.nc", ("--variable", "nix"), "no variable 'nix'"),
+        ("map.nc", ("--quantity", "nix"), "unknown quantity 'nix'; known: gravity, disturbance, "),
         ("map.nc", ("--format", "nix"), "unknown map format 'nix'"),
         ("map.nc", ("--format", "xyz"), "map.nc"),
         ("map.nc", ("--crs", "EPSG:4326"), "crs can only be given for geotiff"),

@@ -6,6 +6,9 @@ from pathlib import Path
 import pytest
 
 from helpers.command_line import call
+from isogal.cli.montecarlo import _say_what_is_replaced
+from isogal.evaluation.results import write_json
+from isogal.scenario import Scenario
 
 ALMOST = {
     "match": ("--map", "no.nc", "--track", "no.csv"),
@@ -90,3 +93,13 @@ def test_what_is_read_is_not_written_over(tmp_path, monkeypatch, words):
     assert "is read by this command; give what is written another name\n" in err
     assert err.count("\n") == 1
     assert {path.read_text() for path in tmp_path.iterdir()} == {"kept"}
+
+
+def test_results_of_another_scenario_are_not_replaced_in_silence(tmp_path, capsys):
+    path, settings = tmp_path / "results.json", Scenario()
+    _say_what_is_replaced(path, settings)
+    write_json(path, {"scenario": settings.model_dump(mode="json")})
+    _say_what_is_replaced(path, settings)
+    assert not capsys.readouterr().err
+    _say_what_is_replaced(path, Scenario(seed=1))
+    assert "results.json: is of another scenario" in capsys.readouterr().err

@@ -21,16 +21,15 @@ from isogal.fields.simulator import ReadingSimulator
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.strapdown import propagate
 from isogal.matching.batching import BatchBuilder, fix_due
-from isogal.matching.expansion import Soundings
 from isogal.matching.interfaces import Fix
-from isogal.matching.joint_batches import JointBatches
+from isogal.matching.map_matching import MapMatching
 from isogal.matching.pmht.late import sensed
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.pmht.rows import rows_of
 from isogal.matching.pmht.states import States
 from isogal.matching.reading_noise import of_vehicle
 from isogal.matching.residual_gravity import ResidualGravity
-from isogal.matching.scans import Collected, Scan, Scans
+from isogal.matching.scans import Scans
 from isogal.matching.transitions import carried
 from isogal.scenario import (
     Altimeter,
@@ -41,7 +40,6 @@ from isogal.scenario import (
     Scenario,
     changed_scenario,
 )
-from isogal.sensors.altimeter import TerrainReduction
 from isogal.sensors.gravimeter import (
     DisturbanceReduction,
     GravityReduction,
@@ -112,8 +110,14 @@ def flown(trajectory, error=(0.0,) * 7, scans=SCANS) -> Flown:
     return Flown(at[:, :2], at[:, 3:5], Rotation.from_quat(at[:, 6:], scalar_first=True))
 
 
-def builder_of(it: Flown, reading=None, reduction=GRAVITY, context=0, **settings):
-    builder = BatchBuilder(Matcher(**settings), reduction, context)
+def made_builder(context=0, gravimeter=None, **settings) -> BatchBuilder:
+    """Of a scenario that has no errors beside white noise."""
+    gravimeter = gravimeter or Gravimeter()
+    return BatchBuilder(Scenario(matcher=Matcher(**settings), gravimeter=gravimeter), context)
+
+
+def builder_of(it: Flown, reading=None, quantity="gravity", **settings):
+    builder = made_builder(gravimeter=Gravimeter(quantity=quantity), **settings)
     reading = np.arange(len(it.position)) * 1e-5 if reading is None else reading
     for t, (p, v, r) in enumerate(zip(it.position, it.velocity, reading, strict=True)):
         builder.add_scan(10.0 * (t + 1), p[0], p[1], v, r, 1e-5, 2e-6)
@@ -169,14 +173,15 @@ def test_what_xi_explains_and_the_drift_make_up_the_navigators_covariance():
     np.testing.assert_allclose(*with_xi, rtol=1e-9, atol=1e-6)
 
 
-@pytest.mark.parametrize("reduction", [GRAVITY, DisturbanceReduction()])
-def test_wrong_readings_are_wrong_by_the_jacobian_and_correcting_makes_them_right(reduction):
+@pytest.mark.parametrize("quantity", ["gravity", "disturbance"])
+def test_wrong_readings_are_wrong_by_the_jacobian_and_correcting_makes_them_right(quantity):
+    reduction = GRAVITY if quantity == "gravity" else DisturbanceReduction()
     it, truth = flown(TRAJECTORY, ERRORS["all"]), flown(TRAJECTORY)
     error = it.error(truth)
     felt = GRAVITY.raw(9.8, truth.state)
     wrong, right = reduction.reduce(felt, it.state), reduction.reduce(felt, truth.state)
     assert np.abs(wrong - right).max() > 2e-5
-    builder = builder_of(it, wrong, reduction)
+    builder = builder_of(it, wrong, quantity)
     batch = builder.build(INDEPENDENT)
     by_xi = batch.reading_jacobian @ error[-1, :4] + batch.nuisance[:, 2] @ error[-1, 4:]
     np.testing.assert_allclose(by_xi, wrong - right, atol=3e-7)
@@ -190,7 +195,7 @@ def test_wrong_readings_are_wrong_by_the_jacobian_and_correcting_makes_them_righ
 
 def test_batches_hold_context_and_count_what_is_new():
     it = flown(TRAJECTORY, scans=50)
-    builder = BatchBuilder(Matcher(batch_length=20, stride=10), GRAVITY, context=15)
+    builder = made_builder(15, batch_length=20, stride=10)
     batches = []
     for t in range(50):
         assert not builder.ready or t == 0
@@ -215,8 +220,9 @@ def test_scans_come_out_as_they_went_in():
 
 
 def test_soundings_of_several_beams_come_out_less_their_offset():
-    it, beams = flown(TRAJECTORY), Soundings(2, 0.0)
-    builder = BatchBuilder(Matcher(), TerrainReduction(Altimeter()), expansion=beams)
+    it = flown(TRAJECTORY)
+    sounder = {"gravimeter": Gravimeter(sigma=1.0), "altimeter": Altimeter(beams=2)}
+    builder = BatchBuilder(Scenario(field="terrain", **sounder))
     builder.correct(10.0, np.ones(7))  # of nothing
     for t, (place, speed) in enumerate(zip(it.position, it.velocity, strict=True)):
         heights = np.array([[100.0, 0.0, 0.0, 50.0], [90.0, 30.0, 0.0, 50.0]])
@@ -228,7 +234,7 @@ def test_soundings_of_several_beams_come_out_less_their_offset():
 def across_a_gap(before: np.ndarray, after: np.ndarray):
     """A batch of ten scans 10 s apart, with a gap from 42 s to 66 s; the covariances (7, 7) at
     both ends."""
-    builder = BatchBuilder(Matcher(batch_length=10, stride=10), GRAVITY)
+    builder = made_builder(batch_length=10, stride=10)
     it = flown(TRAJECTORY, scans=10)
     for scan in range(10):
         reading = np.nan if scan in (4, 5) else 9.8
@@ -257,7 +263,7 @@ def test_a_gap_in_the_inertial_data_leaves_the_scans_before_it_what_they_were():
         np.testing.assert_allclose(P, turn[:2, :2], rtol=0.01, atol=0.5)
     # a correction of the velocity after the gap does not move the scans before it by 60 s of it
     builder.correct(100.0, np.array([0.0, 0.0, 8.0, 0.0, 0.0, 0.0, 0.0]))
-    shift = builder.collected.scans[2].latitude - batch.latitude[2]
+    shift = builder.collected.scans.latitude[2] - batch.latitude[2]
     assert abs(shift) * 6.36e6 < 0.2 * 8.0 * 70.0
 
 
@@ -265,11 +271,11 @@ def test_readings_before_a_gap_before_the_last_are_given_up():
     P = random_covariance(PRIOR_SIGMA, 1)
     builder = across_a_gap(P, 4.0 * P)
     builder.bridge(92.0, P, 104.0, 4.0 * P)
-    readings = [scan.reading for scan in builder.collected.scans]
+    readings = builder.collected.scans.reading
     assert np.isnan(readings[:6]).all()
     assert np.isfinite(readings[6:]).all()
-    again = BatchBuilder(Matcher(batch_length=10, stride=10), GRAVITY)
-    again.restore(builder.collected)
+    again = made_builder(batch_length=10, stride=10)
+    again.collected = builder.collected
     assert again.build(P).cut == 10
 
 
@@ -292,7 +298,7 @@ def test_changes_of_a_measured_height_may_be_errors_but_not_a_climb() -> None:
     """What readings have beside white noise, per unit of the share that is error: all that the
     height has changed by, but of a climb no more than three 1-sigmas of its errors."""
     sensor = {"source": "barometer", "sigma": 0.3, "bias": 0.0, "scale": 0.0, "weather_sigma": 0.4}
-    builder = BatchBuilder.of(
+    builder = BatchBuilder(
         Scenario(
             matcher=Matcher(batch_length=5),
             height=Height(**sensor),
@@ -317,7 +323,7 @@ def test_two_sensors_of_the_height_leave_less_of_their_errors():
     both = changed_scenario(scenario, [f"heights=[{second}]"], "test")
     found = []
     for one in (scenario, both):
-        builder = BatchBuilder.of(one)
+        builder = BatchBuilder(one)
         for t in range(2):
             builder.add_scan(10.0 * (t + 1), -0.6, 2.5, np.array([10.0, 10.0]), 9.8, 1e-5)
         states = builder.build(np.eye(7)).instrument.parameters
@@ -359,8 +365,9 @@ def test_covariance_is_that_of_the_process_integrated(length: float) -> None:
 
 
 def build(sigma: float):
-    builder = BatchBuilder(Matcher(batch_length=20, stride=10), GRAVITY, context=10)
-    builder.gravity = ResidualGravity(sigma, 20_000.0)
+    builder = made_builder(10, batch_length=20, stride=10)
+    gravity = ResidualGravity(sigma, 20_000.0)
+    builder.collected = replace(builder.collected, gravity=gravity)
     for k, (time, velocity) in enumerate(zip(TIMES, VELOCITY, strict=True)):
         builder.add_scan(time, -0.6, 2.4 + 1e-7 * time, velocity, 0.0, 1e-5)
         if k == 20:
@@ -381,25 +388,25 @@ def test_a_batch_has_it_beside_the_attitude() -> None:
 
 
 def test_batches_go_by_the_map_error_that_a_fix_tells() -> None:
-    def fresh() -> JointBatches:
-        builder = BatchBuilder(Matcher(batch_length=20, stride=10), GRAVITY)
-        return JointBatches([builder], gravity=known)
+    def fresh() -> MapMatching:
+        return MapMatching(Scenario(), [MAP], gravity=known)
 
     known = KnownGravity(residual=Residual(0.0, 1.0), map_sigma=2e-5)
-    batches = fresh()
-    first = batches.builders[0].gravity
+    matching = fresh()
+    first = matching.collected[0].gravity
     assert first == ResidualGravity.of(known)
     fix = Fix(0.0, 0.0, 0.0, np.eye(2))
-    batches.learn(fix)
-    assert batches.builders[0].gravity == first
-    batches.learn(replace(fix, map_error=(8e-5, 3e3)))
-    learnt = batches.builders[0].gravity
+    matching._learn(fix)
+    assert matching.collected[0].gravity == first
+    matching._learn(replace(fix, map_error=(8e-5, 3e3)))
+    learnt = matching.collected[0].gravity
     assert learnt == ResidualGravity(pytest.approx(np.hypot(8e-5 / np.sqrt(2.0), 1e-6)), 3e3)
     again = fresh()
-    again.restore(batches.collected)  # a checkpoint keeps it
-    assert again.builders[0].gravity == learnt
-    again.restore([Collected((), 0, 0)])  # a new beginning forgets it
-    assert again.builders[0].gravity == first
+    again.restore(matching.collected)  # a checkpoint keeps it
+    again.forget_scans()
+    assert again.collected[0].gravity == learnt
+    again.begin_anew()
+    assert again.collected[0].gravity == first
 
 
 START = tuple(np.degrees(ORIGIN))
@@ -427,7 +434,7 @@ def batch_of(it, scans=60, error=(0.0, 0.0), told=True, matcher="pmht"):
     simulator = ReadingSimulator(it, trajectory, MAP, [0])
     reduction = DISTURBANCE.reduction(it)
     instrument = it.gravimeter if told else scenario().gravimeter
-    builder = BatchBuilder(Matcher(name=matcher, batch_length=40), reduction, 0, instrument)
+    builder = made_builder(gravimeter=instrument, name=matcher, batch_length=40)
     metres = horizontal_difference(ORIGIN[0] + 1e-5, ORIGIN[1] + 1e-5, *ORIGIN) / 1e-5
     for j in range(scans):
         i = simulator.index[j]
@@ -534,37 +541,19 @@ def test_map_error_between_scans_is_a_gauss_markov_process():
     np.testing.assert_allclose(measured, np.exp(-distance / 500.0), atol=5.0 * np.sqrt(2 / runs))
 
 
-def scan(k: int, channels: int = 0) -> Scan:
-    reading = 0.1 * k if not channels else np.arange(2.0 * channels).reshape(channels, 2) + k
-    velocity = np.array([10.0 + k, -k])
-    return Scan(10.0 * k, -0.6, 2.5 + 1e-6 * k, velocity, reading, 1.0, 0.5 * k, 100.0 + k)
-
-
-def scans_of(most: int, channels: int) -> Scans:
-    return Scans(most, (channels, 2)) if channels else Scans(most)
-
-
-@given(most=st.integers(1, 7), added=st.integers(1, 40), channels=st.integers(0, 2))
+@given(most=st.integers(1, 7), added=st.integers(1, 40), channels=st.integers(1, 2))
 def test_the_last_scans_are_kept_in_their_order(most: int, added: int, channels: int) -> None:
-    scans, plain = scans_of(most, channels), [scan(k, channels) for k in range(added)]
-    scans.extend(plain)
-    kept = plain[-most:]
-    assert len(scans) == len(kept)
-    assert scans.last(most + 30) == scans.every
-    latitude, longitude, velocity, times = scans.track(scans.every)
-    np.testing.assert_array_equal(times, [one.time for one in kept])
-    np.testing.assert_array_equal(latitude, [one.latitude for one in kept])
-    np.testing.assert_array_equal(longitude, [one.longitude for one in kept])
-    np.testing.assert_array_equal(velocity, [one.velocity for one in kept])
-    readings = np.array([one.reading for one in kept]).reshape(len(kept), *scans.shape)
-    np.testing.assert_array_equal(scans.readings(scans.every), readings)
-    np.testing.assert_array_equal(scans.offsets(scans.every), [one.offset for one in kept])
-    np.testing.assert_array_equal(scans.heights(scans.every), [one.height for one in kept])
-    for k in (0, len(kept) - 1, -1):
-        one, same = scans[k], kept[k]
-        assert (one.time, one.offset, one.height) == (same.time, same.offset, same.height)
-        np.testing.assert_array_equal(one.velocity, same.velocity)
-        np.testing.assert_array_equal(one.reading, same.reading)
-    scans.forget_readings(kept[-1].time)  # of those before a gap
-    there = np.isfinite(scans.readings(scans.every)).all(axis=(1, 2))
-    np.testing.assert_array_equal(there, [False] * (len(kept) - 1) + [True])
+    scans = Scans.none((channels, 2))
+    for k in range(added):
+        reading = np.arange(2.0 * channels).reshape(channels, 2) + k if k % 2 else np.nan
+        scans = scans.added(
+            most, 10.0 * k, -0.6, 2.5, np.array([10.0, -k]), reading, 1.0, 0.5 * k, 100.0, 0.0
+        )
+    kept = np.arange(added)[-most:]
+    np.testing.assert_array_equal(scans.time, 10.0 * kept)
+    np.testing.assert_array_equal(scans.velocity, np.stack([0.0 * kept + 10.0, -kept], axis=1))
+    np.testing.assert_array_equal(scans.offset, 0.5 * kept)
+    each = np.arange(2.0 * channels).reshape(channels, 2) + kept[:, None, None]
+    np.testing.assert_array_equal(
+        scans.reading, np.where(kept[:, None, None] % 2 == 1, each, np.nan)
+    )

@@ -16,9 +16,9 @@ from isogal.maps.potential import derivatives
 from isogal.matching.expansion import channel_batch
 from isogal.matching.information import informed
 from isogal.matching.interfaces import Batch, Information, SecondaryBatch
+from isogal.matching.map_matching import MapMatching
 from isogal.matching.pmht.matcher import Pmht
 from isogal.matching.registry import matcher_of_fields
-from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import Matcher, validate_scenario
 
 FIRST = field_map_of(wavy)
@@ -128,10 +128,11 @@ def test_batches_end_with_those_of_the_field_with_the_shortest_rhythm():
             ]
         }
     )
-    schedule = UpdateSchedule.of(scenario.each_field)
-    assert schedule == UpdateSchedule(1, (100.0, 40.0))
-    assert schedule.marks(1, scenario.each_field[1]) == 0
-    assert schedule.marks(0, scenario.each_field[0]) == 16
+    matching = MapMatching(scenario, [FIRST, SECOND])
+    assert matching.lead == 1
+    # a batch of 30 scans every 20 s has 15 ends, 40 s apart, and perhaps one more
+    longest = [builder._longest - matching.matcher.context for builder in matching.builders]
+    assert longest == [30 + 16, 30]
 
 
 EOTVOS = 1e-9
@@ -185,11 +186,7 @@ def test_what_does_not_fit_is_refused_or_declined():
     for bad, covariance, message in (
         (np.zeros((29, 2)), np.eye(2), r"must have shape \(30, channels\), have \(29, 2\)"),
         (np.zeros(30), np.eye(1), r"must have shape \(30, channels\), have \(30,\)"),
-        (
-            readings,
-            np.eye(3),
-            r"covariance of readings of several channels must have shape \(2, 2\)",
-        ),
+        (readings, np.eye(3), r"have shape \(2, 2\); has \(3, 3\)"),
         (readings, -np.eye(2), "must be positive definite"),
         (readings, np.full((2, 2), np.nan), "must be positive definite"),
     ):

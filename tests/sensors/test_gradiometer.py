@@ -185,7 +185,7 @@ def test_what_is_not_measured_follows_by_the_trace_or_is_the_normal_gradient():
 def parameters(components, *more):
     """Those of a batch of three scans."""
     told = f"gradiometer.components=[{components}]", "matcher.batch_length=3"
-    builder = BatchBuilder.of(load_scenario(None, ["field=gradient", *told, *more]))
+    builder = BatchBuilder(load_scenario(None, ["field=gradient", *told, *more]))
     count = components.count(",") + 1
     for k in range(3):
         readings = np.ones(count) if count > 1 else 1.0

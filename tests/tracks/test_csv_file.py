@@ -44,23 +44,6 @@ def test_units_of_the_header_count(tmp_path):
     np.testing.assert_allclose([*found.value, *found.sigma, *found.offset], [3, 4, 0.1, 0.2, 7, 8])
 
 
-@pytest.mark.parametrize(
-    ("header", "message"),
-    [
-        (
-            "latitude[gon],longitude,value",
-            r"latitude: unknown unit 'gon'; must be one of deg, rad",
-        ),
-        ("latitude,longitude,value[mGal],sigma[m]", "sigma: unfitting unit 'm'; must be one of"),
-        ("latitude,longitude,value[mGal],sigma[x]", "sigma: unknown unit 'x'; must be one of"),
-    ],
-)
-def test_a_unit_that_is_not_known_is_refused(tmp_path, header, message):
-    rows = "1,2,3,4\n1,3,4,5\n" if "sigma" in header else "1,2,3\n1,3,4\n"
-    with pytest.raises(InputError, match=message):
-        one_track(file_of(tmp_path, f"{header}\n{rows}"))
-
-
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_separators_comments_order_and_other_columns(tmp_path, separator):
     rows = "Time,note,LATITUDE,longitude,value\n0,a,1,2,3\n\n# more\n1,b,1,2,4\n2,,1.5,2e0,-5\n"

@@ -166,18 +166,3 @@ def test_readings_that_may_lie_off_the_map_do_not_move_the_fix():
     match = match_track(track, DISTURBANCE, Matcher(batch_length=80), prior)[0]
     assert match.fix.published, match.fix.reason
     assert nees_per_axis(errors_of([match], *truth)[0], match.fix.covariance) < 6.9
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("position", 1e-4),
-        ("position", np.inf),
-        ("velocity", -1.0),
-        ("velocity", 2e3),
-        ("walk", np.nan),
-    ],
-)
-def test_uncertainties_out_of_range_are_refused(key, value):
-    with pytest.raises(InputError, match="1-sigma of the track's"):
-        Uncertainty(**{key: value})

@@ -8,7 +8,7 @@ from rclpy.serialization import deserialize_message
 
 from ins_sim_node.settings import InsSimSettings
 from isogal.matching.batching import fix_due
-from isogal.matching.update_schedule import UpdateSchedule
+from isogal.matching.registry import leading_field
 from isogal_ros import topics
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.prepared import peek_ns
@@ -57,7 +57,7 @@ class LockStep:
         self._node, self._compare, self._go_on = node, compare, go_on
         each = node.scenario.each_field
         self._per_scan = [one.steps_per_scan for one in each]
-        self._lead = UpdateSchedule.of(each).lead
+        self._lead = leading_field(each)
         self._matcher = each[self._lead].matcher
         self._intervals = [from_seconds(one.gravimeter.interval) for one in each]
         self._ns = -1

@@ -160,7 +160,7 @@ class Navigator:
         if self.aligned and not aligned:
             self._ends = self.time, self.time
         if before is not None:
-            self.matching.batches.bridge(*before, self.time, self.state.batch_prior)
+            self.matching.bridge(*before, self.time, self.state.batch_prior)
         return track
 
     def measure(self, time: float, *measurements: Measurement) -> Innovation:
@@ -196,7 +196,7 @@ class Navigator:
             return reduced
         if self._whole:
             self._sensed[field].append(Sensed(time, np.array(readings, dtype=float)))
-        self.matching.batches.builders[field].begin(self._passed[field])
+        self.matching.builders[field].begin(self._passed[field])
         for stamp, place, speed, reading in zip(time, position, velocity, reduced, strict=True):
             self.matching.add(field, float(stamp), place, speed, reading)
         return reduced
@@ -259,7 +259,7 @@ class Navigator:
         self._figures = fix.diagnostics or self._figures
         jump = batch_difference(self.state.estimate, before)
         if jump.any():
-            self.matching.batches.correct(self.time, jump)
+            self.matching.correct(self.time, jump)
         return tuple(innovations)
 
     def _shares(self, fix: Fix) -> list[tuple[float, Fix]]:

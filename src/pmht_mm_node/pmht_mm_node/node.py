@@ -51,7 +51,7 @@ def warm_up(scenarios: Sequence[Scenario], maps: Sequence[RouteMap]) -> None:
     away."""
     for scenario, field_map in zip(scenarios, maps, strict=True):
         matching, trajectory = MapMatching(scenario, [field_map]), build_trajectory(scenario)
-        (builder,) = matching.batches.builders
+        (builder,) = matching.builders
         reading = np.zeros((1, 1) if builder.expansion is None else builder.expansion.shape)
         for scan in range(1, scenario.matcher.batch_length + 1):
             k = min(scan * scenario.steps_per_scan, len(trajectory))
@@ -134,7 +134,7 @@ class PmhtMmNode(GraphNode):
         saved = self._checkpoint.take(nav.ns)
         if saved is not None:
             collected, self._matching.memory, last = saved.content
-            self._matching.batches.restore(collected)
+            self._matching.restore(collected)
             self.scans.go_on(last)
 
     def _reset(self) -> str:
@@ -147,8 +147,8 @@ class PmhtMmNode(GraphNode):
         self, field: int, nav: NavSample, reading: Array | float, variance: Array | float
     ) -> None:
         matching = self._matching
-        self.scans.correct(matching.batches, nav.ns)
-        matching.batches.builders[field].begin(self.scans.before(nav.ns, field))
+        self.scans.correct(matching, nav.ns)
+        matching.builders[field].begin(self.scans.before(nav.ns, field))
         if nav.aligned and not self._aligned:
             matching.forget_scans()
         self._aligned = nav.aligned
@@ -157,7 +157,7 @@ class PmhtMmNode(GraphNode):
         if field == matching.lead and matching.ready:
             self._match(nav)
         if self._checkpoint.is_kept:
-            collected = matching.batches.collected
+            collected = matching.collected
             self._checkpoint.save(nav.ns, (collected, matching.memory, self.scans.last))
 
     def _white(self, field: int, nav: NavSample, variance: Array | float) -> float:

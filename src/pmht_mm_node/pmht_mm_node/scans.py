@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from isogal.arrays import Array
 from isogal.inertial.error_state import BATCH_STATES
-from isogal.matching.joint_batches import JointBatches
-from isogal.matching.update_schedule import UpdateSchedule
+from isogal.matching.map_matching import MapMatching
+from isogal.matching.registry import leading_field
 from isogal.sensors.scans import missing_scans
 from isogal_ros.messages.checks import BadMessageError, require_later
 from isogal_ros.messages.stamps import from_seconds, to_seconds
@@ -63,7 +63,7 @@ class Scans(NavQueue[tuple[int, Reading]]):
         self._first, self._taken = first, taken
         each = node.scenario.each_field
         self._fields = [_Field(from_seconds(one.gravimeter.interval)) for one in each]
-        self._names, self._lead = node.scenario.field_names, UpdateSchedule.of(each).lead
+        self._names, self._lead = node.scenario.field_names, leading_field(each)
         self._begun = False
         self.ended = -1
         """Stamp of the last batch end, ns; readings up to it are too late."""
@@ -124,17 +124,17 @@ class Scans(NavQueue[tuple[int, Reading]]):
         each = self._fields
         return all(one.due > ns or self.newest >= one.due + one.interval for one in each)
 
-    def correct(self, builder: JointBatches, until: int) -> None:
-        """Tell a builder of the navigator's jumps before a stamp (ns), and of the gaps in its
+    def correct(self, matching: MapMatching, until: int) -> None:
+        """Tell the matching of the navigator's jumps before a stamp (ns), and of the gaps in its
         states that ended by then."""
         for change in self.take_changes(until):
             if isinstance(change, Jump):
-                builder.correct(to_seconds(change.ns), change.change)
+                matching.correct(to_seconds(change.ns), change.change)
                 continue
             before, after = change
             if len(before.covariance) == len(after.covariance) == BATCH_STATES:
                 times = to_seconds(before.ns), to_seconds(after.ns)
-                builder.bridge(times[0], before.covariance, times[1], after.covariance)
+                matching.bridge(times[0], before.covariance, times[1], after.covariance)
 
     def _take_scan(self, ns: int, item: tuple[int, Reading], nav: NavSample | None) -> None:
         if nav is None:

@@ -160,6 +160,14 @@ def test_bad_axes(tmp_path, small_map, changes, words):
     assert words in refused(path)
 
 
+def test_a_grid_for_each_of_several_times_is_refused(tmp_path, small_map):
+    path = netcdf(tmp_path / "a.nc", small_map)
+    with netCDF4.Dataset(path, "a") as dataset:
+        dataset.createDimension("time", 2)
+        dataset.createVariable("each", "f8", ("time", "lat", "lon"))[:] = 1.0
+    assert "has 2 values along 'time' at each place, where a map" in refused(path, variable="each")
+
+
 def test_a_huge_grid_is_refused_before_it_is_read(tmp_path):
     path = tmp_path / "huge.nc"
     with netCDF4.Dataset(path, "w") as dataset:

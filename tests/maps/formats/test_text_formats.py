@@ -87,6 +87,7 @@ def test_xyz_without_names(tmp_path):
     assert "does not name its columns; give variable=" in refused(path)
     assert "does not say its unit" in refused(path, "lon,lat,dg")
     assert "latitudes reach" in refused(path, "lat,lon,dg", unit="mGal")
+    assert "is empty; it needs columns" in refused(save(tmp_path / "empty.xyz", "\n"))
     check(path, "lon,lat,dg", unit="mGal")
 
 

@@ -11,14 +11,12 @@ from isogal.earth.ellipsoid import metres_per_radian
 from isogal.maps.interpolation import Grid, value_and_gradient
 from isogal.matching.baselines.iccp import Iccp, _Contours, _iterate
 from isogal.matching.baselines.readings import (
-    AssumedNoise,
-    ReadingArrays,
     UsableReadings,
     publish_measured,
     publish_posterior,
     shift_covariance,
 )
-from isogal.matching.baselines.sitan import Sitan, SitanOptions, plane
+from isogal.matching.baselines.sitan import plane
 from isogal.matching.baselines.tercom import Tercom
 from isogal.matching.baselines.viterbi import Viterbi, _emissions, _trellis
 from isogal.matching.failures import UNEXPLAINED
@@ -197,15 +195,14 @@ def test_readings_in_and_out(rough_map):
     reading = np.array(make_batch(rough_map)[0].reading)
     reading[3] = np.nan
     batch, _ = make_batch(rough_map, reading=reading, new=20)
-    noise = AssumedNoise(map_sigma=2e-5)
-    whole = UsableReadings.of(batch, rough_map, noise, whole=True)
-    new = UsableReadings.of(batch, rough_map, AssumedNoise(), whole=False)
+    whole = UsableReadings.of(batch, rough_map, 2e-5)
+    new = UsableReadings.of(batch, rough_map, whole=False)
     assert list(whole.row) == [0, 1, 2, *range(4, 30)]
     assert list(new.row) == list(range(10, 30))
-    np.testing.assert_allclose(whole.arrays.sigma, np.hypot(1e-5, 2e-5))
+    np.testing.assert_allclose(whole.sigma, np.hypot(1e-5, 2e-5))
     known = field_map_of(lambda n, e: 1e-8 * n + 0.0 * e, sigma=4e-5, quantisation=1e-6)
     np.testing.assert_allclose(
-        UsableReadings.of(batch, known, noise, whole=True).arrays.sigma,
+        UsableReadings.of(batch, known, 2e-5).sigma,
         np.sqrt(1e-10 + 16e-10 + 1e-12 / 12.0),
     )
 
@@ -231,24 +228,13 @@ def test_noise_wider_than_the_window_gives_no_fix(rough_map):
     assert "have a contour in the search window" in fix.reason
 
 
-def lines(count, angle):
-    """A track northwards and for each of its points two contour lines, one along north, one along
-    east, after a rigid move."""
-    track = np.stack([200.0 * np.arange(count), np.zeros(count)], axis=1)
-    lever = track - track.mean(axis=0)
-    moved = np.array([30.0, -40.0]) + angle * np.stack([-lever[:, 1], lever[:, 0]], axis=1)
-    along_north = np.arange(count) % 2 == 0
-    tangent = np.where(along_north[:, None], [1.0, 0.0], [0.0, 1.0])
-    return track, moved, tangent
-
-
-@pytest.mark.parametrize("angle", [0.0, 0.02])
-def test_closest_points_lead_to_the_rigid_move(angle):
-    track, point, tangent = lines(20, angle)
+def test_closest_points_lead_to_the_move():
+    # for each point of the track two contour lines, one along north, one along east
+    tangent = np.where(np.arange(20)[:, None] % 2 == 0, [1.0, 0.0], [0.0, 1.0])
+    point = np.tile([30.0, -40.0], (20, 1))
     contours = _Contours(point, tangent, np.ones(20), np.arange(21))
-    shift, turn, nearest = _iterate(track, contours, np.zeros(2), angle != 0.0, 200, 1e-6)
-    np.testing.assert_allclose(shift, [30.0, -40.0], atol=0.01)
-    assert turn == pytest.approx(angle, abs=1e-5)
+    shift, nearest = _iterate(contours, np.zeros(2))
+    np.testing.assert_allclose(shift, [30.0, -40.0], atol=0.2)
     assert np.array_equal(nearest, np.arange(20))
 
 
@@ -259,13 +245,13 @@ def test_exact_on_a_plane_map(region, bias_sigma):
     batch, _ = make_batch(
         tilted, (200.0, -100.0, 0.05, 0.0), sigma=1e-5, jacobian=(-8e-9, 0.0, 6e-6, 1.2e-4)
     )
-    noise = AssumedNoise(bias_sigma=bias_sigma)
-    fix, _ = Sitan(noise, SitanOptions(region=region)).match(batch, tilted, None)
+    matcher = build("sitan", bias_sigma=bias_sigma, options={"region": region})
+    fix, _ = matcher.match(batch, tilted, None)
     # least squares on all readings at once; a plane in metres is a plane in degrees up to the
     # map's curvature, a metre here
-    readings = UsableReadings.of(batch, tilted, noise, whole=True)
+    readings = UsableReadings.of(batch, tilted)
     residual, slope = readings.linearise(tilted, np.zeros(4))
-    R = np.diag(readings.arrays.sigma**2) + bias_sigma**2
+    R = np.diag(readings.sigma**2) + bias_sigma**2
     matrix = slope.T @ np.linalg.solve(R, slope)
     np.testing.assert_allclose(fix.information.matrix, matrix, rtol=2e-3, atol=1e-4 * matrix.max())
     posterior = np.linalg.inv(np.linalg.inv(batch.prior) + matrix)
@@ -275,18 +261,6 @@ def test_exact_on_a_plane_map(region, bias_sigma):
     )
     units = np.array([1.0, 1.0, 1e-3, 1e-3])
     np.testing.assert_allclose(told / units, mean / units, atol=1.0)
-
-
-def test_gate_leaves_a_spike_out(rough_map):
-    batch, _ = make_batch(rough_map, prior_sigma=(100.0, 0.05))
-    batch.reading[10] += 50e-5
-    fix, _ = Sitan(options=SitanOptions(gate=5.0)).match(batch, rough_map, None)
-    assert fix.diagnostics["readings_used"] == 29.0
-    every, _ = Sitan().match(batch, rough_map, None)
-    assert every.diagnostics["misfit"] > 3.0 * fix.diagnostics["misfit"]
-    batch.reading[:] += 1.0
-    none, _ = Sitan(options=SitanOptions(gate=5.0)).match(batch, rough_map, None)
-    assert UNEXPLAINED in none.diagnostics
 
 
 def test_plane_through_a_bowl_by_hand():
@@ -310,8 +284,8 @@ def test_trellis_equals_trying_all_paths():
     start = -0.5 * (side[:, None] ** 2 + side[None, :] ** 2) / 100.0**2
     noise = np.full(scans, sigma)
     transition = np.zeros((scans, 2, 4))
-    arrays = ReadingArrays(grid, latitude, longitude, radian, level, noise, transition, jacobian)
-    readings = UsableReadings(arrays, np.arange(scans))
+    columns = grid, latitude, longitude, radian, level, noise, transition, jacobian
+    readings = UsableReadings(*columns, np.arange(scans))
     place = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1)
     path, marginal = _trellis(_emissions(readings, place, 120.0, noise**2), start, drift)
 

@@ -47,7 +47,7 @@ class LeastSquares(Baseline[LeastSquaresOptions]):
         half = self.options.window * np.sqrt(np.diag(batch.prior)[:2])
         side = np.linspace(-1.0, 1.0, self.options.nodes)
         grid = np.stack(np.meshgrid(*(side * width for width in half), indexing="ij"), axis=-1)
-        sigma = readings.arrays.sigma
+        sigma = readings.sigma
         shifts = np.pad(grid.reshape(-1, 2), ((0, 0), (0, 2)))  # the velocity error is taken as 0
         residual, _ = readings.linearise(field_map, shifts)
         misfit = ((residual / sigma[:, None]) ** 2).mean(axis=0)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from isogal.cli.checks import not_negative
 from isogal.cli.option_groups import with_groups
 from isogal.cli.options import Json, flag, number, text, written_file, written_folder
 from isogal.cli.tables import print_result
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from pydantic import JsonValue
 
     from isogal.arrays import Array
-    from isogal.magnetics.calibration import Settings
     from isogal.magnetics.flight import MagneticFlight
 
 
@@ -70,13 +68,14 @@ class Fitting:
 
     PANEL: ClassVar = "Calibration"
 
-    band: Annotated[str, text("LOW,HIGH", "Frequencies of the manoeuvres, Hz.")] = "0.1,0.9"
-    ridge: Annotated[
-        float | None,
-        number("Added to the normal equations; default: by the evidence.", "NUMBER", not_negative),
-    ] = None
     lag: Annotated[
-        float | None, number("By which the vector magnetometer is late; default: found out.", "S")
+        float | None,
+        number(
+            "By which the vector magnetometer is late; default: found out.",
+            "S",
+            least=-10,
+            most=10,
+        ),
     ] = None
 
     force: Annotated[
@@ -87,17 +86,6 @@ class Fitting:
             " coefficients stays near zero, with a sigma that says how far off they may be.",
         ),
     ] = False
-
-    def settings(self) -> "Settings":
-        """Return the same as the library takes it; raises InputError."""
-        from isogal.magnetics.band_pass import Band
-        from isogal.magnetics.calibration import Settings
-
-        try:
-            low, high = (float(part) for part in self.band.split(","))
-        except ValueError:
-            raise InputError(f"--band {self.band}: must be LOW,HIGH in Hz") from None
-        return Settings(Band(low, high), self.ridge, self.lag, self.force)
 
 
 @app.command()
@@ -115,9 +103,10 @@ def calibrate(
     The coefficients are those of Tolles and Lawson: 3 of permanent magnetisation, 6 of induced, 9
     of eddy currents, and 3 for each current that is measured."""
     from isogal.evaluation.calibration_report import in_words, summary, write_calibration_report
+    from isogal.magnetics.calibration import Settings
     from isogal.magnetics.calibration import calibrate as learn
 
-    settings, flight = fitting.settings(), chosen.read()
+    settings, flight = Settings(**vars(fitting)), chosen.read()
     known = flight.reference
     if known is None and flight.places is not None:
         # where no height is known, that at zero: only its changes count

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 from typer.core import TyperGroup
@@ -17,20 +17,6 @@ from isogal.cli.errors import clean_errors, fail
 from isogal.cli.map.app import app as map_app
 from isogal.cli.match.command import match
 from isogal.threads import one_thread
-
-if TYPE_CHECKING:
-    from typer._click import Command
-
-
-def _fill_paragraphs(command: "Command") -> None:
-    """Let the help of a command, which is its docstring, fill the width of the terminal: keep the
-    paragraphs, join their lines."""
-    if command.help:
-        command.help = "\n\n".join(
-            " ".join(paragraph.split()) for paragraph in command.help.split("\n\n")
-        )
-    for one in getattr(command, "commands", {}).values():
-        _fill_paragraphs(one)
 
 
 class _Isogal(TyperGroup):
@@ -43,7 +29,6 @@ class _Isogal(TyperGroup):
 
 @clean_errors
 def _call(group: _Isogal, args: list[str]) -> int:
-    _fill_paragraphs(group)
     try:
         with group.make_context("isogal", args) as context:
             group.invoke(context)
@@ -64,7 +49,11 @@ def _call(group: _Isogal, args: list[str]) -> int:
 
 
 app = typer.Typer(
-    cls=_Isogal, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
+    cls=_Isogal,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
 )
 for _command in (
     *(run.run, run.replay, run.smooth, run.faults, montecarlo.montecarlo, paper.paper),

@@ -88,19 +88,6 @@ class MapChoice(SourceOptions):
             return make_synthetic(self._synthetic_quantity(measured), window)
         return self._read(window)
 
-    def load_along(self, corridor: "Corridor", measured: str = "gravity") -> "ScalarMap":
-        """Read the map along a route, in parts if it is large; see `load`."""
-        if self.is_synthetic:
-            from isogal.cli.progress import Bars
-            from isogal.maps.synthetic.synthetic_map import synthetic_map_along
-
-            with Bars("tiles") as bars:
-                tiles = partial(bars, "tiles")
-                return synthetic_map_along(self._synthetic_quantity(measured), corridor, tiles)
-        from isogal.maps.tiled_map import map_along
-
-        return map_along(self._read, corridor)
-
     def given(self, settings: "Settings", measured: str) -> "GivenMap":
         """Return the map as the source of a scenario's, which is continued to the height of the
         flight as in its runs."""
@@ -115,12 +102,20 @@ class MapChoice(SourceOptions):
     def load_part(
         self, part: "Window | Corridor | None", measured: str = "gravity"
     ) -> "ScalarMap":
-        """Read the map, a window of it, or what lies along a route; see `load`."""
+        """Read the map, a window of it, or what lies along a route, in tiles if that is large;
+        see `load`."""
+        from isogal.cli.progress import Bars
         from isogal.maps.corridor import Corridor
+        from isogal.maps.synthetic.synthetic_map import synthetic_map_along
+        from isogal.maps.tiled_map import map_along
 
-        if isinstance(part, Corridor):
-            return self.load_along(part, measured)
-        return self.load(part, measured)
+        if not isinstance(part, Corridor):
+            return self.load(part, measured)
+        if not self.is_synthetic:
+            return map_along(self._read, part)
+        with Bars("tiles") as bars:
+            quantity = self._synthetic_quantity(measured)
+            return synthetic_map_along(quantity, part, partial(bars, "tiles"))
 
     def _read(self, window: "Window | None") -> "FieldMap":
         from isogal.maps.load import load_map

@@ -1,5 +1,6 @@
 """``isogal montecarlo``: a scenario many times with other random numbers."""
 
+import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -59,6 +60,7 @@ def montecarlo(
     case = _checked_case(settings, runs, smooth)
     store = Store(results.runs)
     make_folder(results.out)
+    _say_what_is_replaced(results.out / "results.json", settings)
     start = time.monotonic()
     with ending_well(store.folder), LiveProgress(settings.matcher.name) as display:
         compute_cases([case], store, backend, display)
@@ -94,6 +96,19 @@ def _checked_case(settings: "Scenario", runs: int, smooth: bool) -> "Case":
                 " it has none nothing is matched"
             )
     return Case("montecarlo", settings, runs, field_map, smooth=smooth)
+
+
+def _say_what_is_replaced(path: Path, settings: "Scenario") -> None:
+    """Say where results that are there are of another scenario; raises InputError where they are
+    no JSON."""
+    from isogal.evaluation.results import canonical_json, read_object
+
+    if path.is_file():
+        own = json.loads(canonical_json(settings.model_dump(mode="json")))
+        if read_object(path).get("scenario") != own:
+            note(
+                f"{path}: is of another scenario, and will be replaced, with the report beside it"
+            )
 
 
 def _evaluate(

@@ -79,17 +79,6 @@ class PlanResults:
     ] = None
     json: Json = False
 
-    def write(self, found: "Plan") -> None:
-        """Write the files and print what was found; raises InputError."""
-        from isogal.evaluation.planning.files import write_path, write_route
-
-        for name in self.out or ():
-            write_route(found.route, name)
-        if self.path is not None:
-            write_path(found.route, self.path)
-        files = [*(self.out or ()), *((self.path,) if self.path else ())]
-        _show(found, [str(name) for name in files], self.json)
-
 
 @with_groups
 def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanResults) -> None:
@@ -114,7 +103,7 @@ def plan(map_: MapOption, asked: Asked, chosen: ScenarioChoice, results: PlanRes
         found = plan_route(
             truth, field_map, request, lambda done, total: bars("columns", done, total)
         )
-    results.write(found)
+    _write(found, results)
 
 
 def _around(request: "RouteRequest") -> "Window":
@@ -133,10 +122,18 @@ def _around(request: "RouteRequest") -> "Window":
     ).grown(_MARGIN)
 
 
-def _show(found: "Plan", files: list[str], as_json: bool) -> None:
+def _write(found: "Plan", results: PlanResults) -> None:
+    """Write the files and print what was found; raises InputError."""
     import numpy as np
 
+    from isogal.evaluation.planning.files import write_path, write_route
+
     route, straight = found.route, found.straight
+    for name in results.out or ():
+        write_route(route, name)
+    if results.path is not None:
+        write_path(route, results.path)
+    files = [str(name) for name in (*(results.out or ()), results.path) if name is not None]
     result = {
         "length_m": route.length,
         "error_on_arrival_m": route.error,
@@ -156,4 +153,4 @@ def _show(found: "Plan", files: list[str], as_json: bool) -> None:
             f"straight: {straight.length / 1e3:.1f} km, {straight.error:.0f} m; detour"
             f" {100.0 * (route.length / straight.length - 1.0):.1f} %"
         )
-    print_result(result, as_json, *lines, *files)
+    print_result(result, results.json, *lines, *files)

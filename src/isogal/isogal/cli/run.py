@@ -205,23 +205,11 @@ def smooth(
     The sensor messages are played to fresh nodes as by `isogal replay`. Where the truth was
     recorded, the errors are printed. The scenario is the recording's own; --scenario names
     another, --set changes keys."""
-    bag = _recording(source)
+    bag = bag_of(source)
+    require_ros("smooth")
     from isogal_ros.graph.commands import smooth_command
 
     raise typer.Exit(smooth_command(bag, out, chosen, interval=interval, json=json))
-
-
-def _recording(source: Path) -> Path:
-    """Return the recording of a run; raises InputError where there is none, or it cannot be
-    read."""
-    bag = bag_of(source)
-    if bag.is_dir() and (source / "results.json").is_file() and not any(bag.glob("*.mcap*")):
-        raise InputError(
-            f"{source}: is a study, which has no recording; isogal montecarlo --smooth smooths its"
-            " runs"
-        )
-    require_ros("smooth")
-    return bag
 
 
 def require_ros(what: str = "run, replay and faults") -> None:

@@ -12,6 +12,7 @@ from isogal.maps.axes import Window
 from isogal.maps.channels import RouteMap
 from isogal.maps.field_map import FieldMap
 from isogal.maps.formats.format import Asked, Format
+from isogal.maps.quantities import check_quantity
 
 
 def load_map(
@@ -47,6 +48,8 @@ def load_map(
         No such file, unknown format, and whatever the reader refuses.
     """
     path = Path(source).expanduser()
+    if quantity is not None:
+        check_quantity(quantity, str(path))
     chosen = _format_of(path) if format_name is None else _named(format_name)
     if crs is not None and not chosen.takes_crs:
         raise InputError(f"{path}: crs can only be given for geotiff, not for {chosen.name}")

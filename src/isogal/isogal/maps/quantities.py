@@ -175,6 +175,12 @@ def quantity_of(name: str) -> str | None:
     return None
 
 
+def check_quantity(quantity: str, where: str) -> None:
+    """Raise InputError where a quantity is not one of `QUANTITIES`."""
+    if quantity not in QUANTITIES:
+        raise InputError(f"{where}: unknown quantity '{quantity}'; known: {', '.join(QUANTITIES)}")
+
+
 def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, float]:
     """Return quantity, unit and the factor to the unit inside, provided that both are given and
     fit each other.
@@ -189,8 +195,7 @@ def said(quantity: str | None, unit: str | None, where: str) -> tuple[str, str, 
             f"{where}: does not say what it is a map of; give quantity= (--quantity) one of"
             f" {', '.join(QUANTITIES)}{_ONCE}"
         )
-    if quantity not in QUANTITIES:
-        raise InputError(f"{where}: unknown quantity '{quantity}'; known: {', '.join(QUANTITIES)}")
+    check_quantity(quantity, where)
     known = QUANTITIES[quantity]
     if unit is None:
         raise InputError(

@@ -10,8 +10,7 @@
     expansion              readings that are more than one number: channels, the own field of a
                            vehicle, footprints of several beams
     parameters             constants, or what changes slowly, estimated along
-    update_schedule        when batches of several fields end
-    joint_batches          from scans of several fields to batches with a common end
+    map_matching           readings of all fields of a run to fixes
     usability              whether a batch can be used at all
     failures               a matcher that raises declines the batch
     information            from a posterior back to what the measurements alone said

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from isogal.arrays import Array
+from isogal.earth.ellipsoid import metres_per_radian
 from isogal.fields.measured import measured_field
 from isogal.inertial.error_state import BATCH_STATES, HORIZONTAL_STATES
-from isogal.matching.expansion import Expansion, expansion_of
+from isogal.matching.expansion import expansion_of
 from isogal.matching.interfaces import Batch
 from isogal.matching.parameters import InstrumentErrors, Parameters
 from isogal.matching.path import Path, sensed
@@ -21,8 +22,7 @@ from isogal.matching.reading_noise import (
     surely_at,
 )
 from isogal.matching.registry import able
-from isogal.matching.residual_gravity import UNMOVED
-from isogal.matching.scans import Collected, Scan, Scans
+from isogal.matching.scans import Collected, Scans
 from isogal.matching.transitions import (
     Bridge,
     across,
@@ -31,11 +31,11 @@ from isogal.matching.transitions import (
 )
 from isogal.matrices import symmetric
 from isogal.passage import History
-from isogal.scenario import Assumed, Gravimeter, Height
+from isogal.scenario import Assumed
 from isogal.scenario import Matcher as MatcherSettings
 from isogal.sensors.lag import Lag
 from isogal.sensors.platform import mean_error
-from isogal.sensors.reduction import Reduction, State
+from isogal.sensors.reduction import State
 
 
 def fix_due(scans: int, settings: MatcherSettings) -> bool:
@@ -51,102 +51,55 @@ class BatchBuilder:
 
     Parameters
     ----------
-    settings : scenario.Matcher
-    reduction : Reduction
-        How the readings were reduced; says how the navigator's error got into them.
+    assumed : Assumed
+        Of one field: section `matcher`, how its readings are reduced, and what is known of them
+        and of the height that they are reduced with.
     context : int
         How many scans before the batch the matcher wants to see as well.
-    instrument : scenario.Gravimeter, optional
-        What is known of readings that are one number: how late they are, and their noise beside
-        the white one; default: nothing.
-    height : scenario.Height, optional
-        What is known of the height that readings are reduced with; default: that it is exact.
-    expansion : Expansion, optional
-        Of readings that are more than one number.
     marks : int
         How many empty scans (`mark`) there may be in a batch beside its own.
+
+    Raises
+    ------
+    InputError
+        What is assumed cannot be used.
     """
 
-    def __init__(
-        self,
-        settings: MatcherSettings,
-        reduction: Reduction,
-        context: int = 0,
-        instrument: Gravimeter | None = None,
-        height: Height | None = None,
-        expansion: Expansion | None = None,
-        marks: int = 0,
-    ) -> None:
-        self.settings = settings
-        self.expansion = expansion
-        self.reduction = reduction
-        self.instrument = instrument or Gravimeter()
-        self._height = height or Height()
-        shape = (1, 1) if expansion is None else expansion.shape
+    def __init__(self, assumed: Assumed, context: int = 0, marks: int = 0) -> None:
+        self.settings, self.instrument = assumed.matcher, assumed.gravimeter
+        self.expansion = expansion_of(assumed)
+        self.reduction = measured_field(assumed).reduction(assumed)
+        self._height = assumed.height.together(assumed.heights or ())
+        shape = (1, 1) if self.expansion is None else self.expansion.shape
         lag = Lag.of(self.instrument)
-        self._filters = shape[0] == 1 and able(settings.name, "takes_filters")
+        self._filters = shape[0] == 1 and able(self.settings.name, "takes_filters")
         self._lag = lag._replace(filter_time=0.0) if self._filters else lag
-        self._longest = settings.batch_length + context + marks
-        older = math.ceil(self._lag.reach / self.instrument.interval)
-        self._scans = Scans(self._longest + older, shape)
-        self._count = 0
-        self._unused = 0
-        self._bridge: Bridge | None = None
-        self._correction: Array | None = np.zeros(BATCH_STATES)
-        self.gravity = UNMOVED
-        """What moves the navigator within a batch; nothing, unless it is set."""
-
-    @classmethod
-    def of(cls, assumed: Assumed, context: int = 0, marks: int = 0) -> "BatchBuilder":
-        """Return the builder of a scenario's batches for a matcher with a context, with room for
-        marks; raises InputError where the scenario cannot be used."""
-        return cls(
-            assumed.matcher,
-            measured_field(assumed).reduction(assumed),
-            context,
-            assumed.gravimeter,
-            assumed.height.together(assumed.heights or ()),
-            expansion_of(assumed),
-            marks,
-        )
+        self._longest = self.settings.batch_length + context + marks
+        self._kept = self._longest + math.ceil(self._lag.reach / self.instrument.interval)
+        self.collected = Collected(Scans.none(shape))
+        """What there is so far; may be set to what an earlier builder had."""
 
     @property
     def ready(self) -> bool:
         """Whether the newest scan ends a batch that has not been built yet."""
-        return self._unused > 0 and fix_due(self._count, self.settings)
+        return self.collected.unused > 0 and fix_due(self.collected.count, self.settings)
 
     @property
     def whole(self) -> bool:
         """Whether there are as many scans as a batch has: not where it began amid a run."""
-        return len(self._scans) >= self.settings.batch_length
+        return len(self.collected.scans.time) >= self.settings.batch_length
 
     @property
     def has_new(self) -> bool:
-        """Whether any reading has come since the last batch."""
-        newest = self._scans.readings(self._scans.last(self._unused))
-        return bool(np.isfinite(newest[..., 0]).any())
-
-    @property
-    def collected(self) -> Collected:
-        """What has been collected."""
-        scans = tuple(self._scans[k] for k in range(len(self._scans)))
-        return Collected(
-            scans, self._count, self._unused, self._bridge, self.gravity, self._correction
-        )
-
-    def restore(self, collected: Collected) -> None:
-        """Go on from what an earlier builder of the same settings had collected."""
-        self._scans = Scans(self._scans.most, self._scans.shape)
-        self._scans.extend(collected.scans)
-        self._count, self._unused = collected.count, collected.unused
-        self._bridge, self._correction = collected.bridge, collected.correction
-        self.gravity = collected.gravity or self.gravity
+        """Whether the newest batch has a reading that no earlier one has used."""
+        scans, unused = self.collected.scans, self.collected.unused
+        return unused > 0 and bool(np.isfinite(scans.reading[-unused:, :, 0]).any())
 
     def begin(self, earlier: int) -> None:
         """Note, before the first scan, how many there have been before: batches then end where
         they would have ended."""
-        if self._count == 0:
-            self._count = earlier
+        if self.collected.count == 0:
+            self.collected = replace(self.collected, count=earlier)
 
     def add_scan(
         self,
@@ -179,22 +132,33 @@ class BatchBuilder:
         height : float
             m.
         """
-        before = self._scans[-1].level if len(self._scans) else height
-        level = surely_at(self._height, before, height)
+        earlier = self.collected.scans.level
+        level = surely_at(self._height, earlier[-1] if len(earlier) else height, height)
+        if isinstance(reading, np.ndarray):
+            reading = reading.reshape(self.collected.scans.reading.shape[1:])
         place = latitude, longitude, velocity
-        self._scans.add(Scan(time, *place, reading, sigma, offset, height, level))
-        self._count += 1
-        self._unused += 1
+        self._add(1, time, *place, reading, sigma, offset, height, level)
+
+    def _add(self, counted: int, *scan: float | Array) -> None:
+        """Add a scan, which counts or not."""
+        known = self.collected
+        self.collected = replace(
+            known,
+            scans=known.scans.added(self._kept, *scan),
+            count=known.count + counted,
+            unused=known.unused + 1,
+        )
 
     def mark(self, end: "BatchBuilder") -> bool:
         """Add an empty scan where another builder's newest one is, unless this one has its newest
         there: the batch is to end there. It is none of those that batches are counted by. Return
         whether the batch can end there: this one has none after it."""
-        newest, own = end._scans[-1], self._scans[-1]
-        if newest.time > own.time + 1e-9:
-            self._scans.add(replace(newest, reading=np.nan, sigma=self.instrument.sigma))
-            self._unused = min(self._unused + 1, len(self._scans))
-        return own.time <= newest.time + 1e-9
+        newest, own = end.collected.scans.part(slice(-1, None)), self.collected.scans.time
+        time = float(newest.time[0])
+        if time > own[-1] + 1e-9:
+            nothing = {"reading": np.array([np.nan]), "sigma": np.array([self.instrument.sigma])}
+            self._add(0, *(column[0] for column in newest._replace(**nothing)))
+        return bool(own[-1] <= time + 1e-9)
 
     def bridge(self, begin: float, before: Array, end: float, after: Array) -> None:
         """Note that there were no inertial data between two times: scans on either side then no
@@ -208,13 +172,17 @@ class BatchBuilder:
         before, after : (7, 7) arrays
             The navigator's covariance at both.
         """
-        if not len(self._scans):
+        known = self.collected
+        if not len(known.scans.time):
             return
-        if self._bridge is not None:
-            self._scans.forget_readings(self._bridge.time)
-        newest = self._scans[-1]
-        at = newest.latitude, newest.velocity, begin
-        self._bridge = Bridge.of(end, carried(before, at, end), after)
+        scans = known.scans
+        if known.bridge is not None:
+            given_up = scans.time < known.bridge.time
+            reading = np.where(given_up[:, None, None], np.nan, scans.reading)
+            scans = scans._replace(reading=reading)
+        at = float(scans.latitude[-1]), scans.velocity[-1], begin
+        bridge = Bridge.of(end, carried(before, at, end), after)
+        self.collected = replace(known, scans=scans, bridge=bridge)
 
     def correct(self, time: float, jump: Array) -> None:
         """Carry a jump of the navigator at `time` back to the scans already collected.
@@ -226,17 +194,28 @@ class BatchBuilder:
             positions move by what the jump means back then, and readings by what their reduction
             would have been with the better estimate.
         """
-        if self._correction is not None:
-            self._correction = self._correction + jump
-        which = self._scans.until(time + 1e-9)
-        if which.start == which.stop:
-            return
-        latitude, longitude, velocity, times = self._scans.track(which)
-        plain = backwards(latitude, velocity, times, time)
-        every, _ = across(self._bridge, plain, latitude, velocity, times, time)
+        known = self.collected
+        which = slice(0, int(np.searchsorted(known.scans.time, time + 1e-9, side="right")))
+        scans = known.scans
+        if which.stop:
+            scans = self._corrected(which, time, jump)
+        self.collected = replace(known, scans=scans, correction=known.correction + jump)
+
+    def _corrected(self, which: slice, time: float, jump: Array) -> Scans:
+        """Return the scans, some of them moved by a jump at a time."""
+        scans = Scans(*(column.copy() for column in self.collected.scans))
+        some = scans.part(which)
+        plain = backwards(some.latitude, some.velocity, some.time, time)
+        bridge = self.collected.bridge
+        every, _ = across(bridge, plain, some.latitude, some.velocity, some.time, time)
         moved = (every @ jump)[:, :HORIZONTAL_STATES]
-        at_scan = self._jacobian(latitude, longitude, velocity)
-        self._scans.move(which, moved, (at_scan * moved).sum(axis=1))
+        at_scan = self._jacobian(some.latitude, some.longitude, some.velocity)
+        some.reading[..., 0] += (at_scan * moved).sum(axis=1)[:, None]
+        north, east = metres_per_radian(some.latitude)
+        some.latitude[:] += moved[:, 0] / north
+        some.longitude[:] += moved[:, 1] / east
+        some.velocity[:] += moved[:, 2:]
+        return scans
 
     def build(self, prior: Array) -> Batch:
         """Return the batch that the newest scan ends.
@@ -246,97 +225,63 @@ class BatchBuilder:
         prior : (7, 7) array
             The navigator's covariance there, of a batch's states.
         """
-        scans = self._scans.last(self._longest)
-        latitude, longitude, velocity, times = self._scans.track(scans)
-        prior = symmetric(prior)
-        backward, every, apart = self._errors(latitude, velocity, times, times[-1], prior)
+        known, prior = self.collected, symmetric(prior)
+        scans = known.scans.part(slice(-self._longest, None))
+        times, latitude, longitude, velocity = scans[:4]
+        end = float(times[-1])
+        offset = mean_error(self.instrument) + scans.offset
+        reading, height, told_of = scans.reading[:, 0, 0] - offset, scans.height, times
+        backward = plain = backwards(latitude, velocity, times, end)
+        late = self._lag.mean > 0.0
+        if late:  # each is where the vehicle was when it was sensed (docs/mathematics.md, 4.7)
+            every_scan = known.scans
+            track = every_scan.latitude, every_scan.longitude, every_scan.height
+            path = Path(every_scan.time, *track, every_scan.velocity)
+            at, reading = sensed(path, times, reading, self._lag, self.reduction)
+            latitude, longitude = np.asarray(at.latitude), np.asarray(at.longitude)
+            velocity = np.stack([at.v_north, at.v_east], axis=-1)
+            height, told_of = np.asarray(at.height), times - self._lag.mean
+            plain = backwards(latitude, velocity, told_of, end)
+        every, apart = across(known.bridge, plain, latitude, velocity, told_of, end)
+        moved = known.gravity.apart(velocity, told_of, end, prior)
         at_scan = self._jacobian(latitude, longitude, velocity)
-        by_error, beside = (_of_rows(part, at_scan) for part in (every, apart))
-        sigma, readings = self._scans.sigmas(scans), self._scans.readings(scans)
-        offset = mean_error(self.instrument) + self._scans.offsets(scans)
-        new = min(self._unused, len(times))
-        self._unused = 0
-        correction, self._correction = self._correction, np.zeros(BATCH_STATES)
         batch = Batch(
             time=times,
             latitude=latitude,
             longitude=longitude,
             velocity=velocity,
-            reading=readings[:, 0, 0] - offset,
-            sigma=sigma,
+            reading=reading,
+            sigma=scans.sigma,
             covariance=prior,
-            by_error=by_error,
+            by_error=_of_rows(every, at_scan),
             backward=backward,
-            new=new,
-            apart=beside,
+            new=min(known.unused, len(times)),
+            apart=_of_rows(np.concatenate([apart, moved], axis=2), at_scan),
             instrument=InstrumentErrors(
-                self._noise(scans, velocity, times),
+                self._noise(scans),
                 self.instrument.bias_walk,
                 self.instrument.delay_sigma,
-                self._added(times, latitude, longitude, self._scans.heights(scans), velocity),
+                self._reduced(told_of, latitude, longitude, height, velocity),
                 self.instrument.filter_time if self._filters else 0.0,
             ),
-            history=History(correction),
-            cut=0 if self._bridge is None else int((times < self._bridge.time).sum()),
+            history=History(known.correction),
+            cut=0 if known.bridge is None else int((times < known.bridge.time).sum()),
+            end_place=(float(scans.latitude[-1]), float(scans.longitude[-1])) if late else None,
         )
-        if self._lag.mean > 0.0:
-            batch = self._late(batch, prior)
+        self.collected = replace(known, unused=0, correction=np.zeros(BATCH_STATES))
         if self.expansion is None:
             return batch
-        return self.expansion.expand(batch, readings, offset)
+        return self.expansion.expand(batch, scans.reading, offset)
 
-    def _noise(self, scans: slice, velocity: Array, times: Array) -> Parameters | None:
+    def _noise(self, scans: Scans) -> Parameters | None:
         """Return what readings have beside white noise, errors of their height included."""
-        states = noise_states(self.instrument, times, velocity)
+        states = noise_states(self.instrument, scans.time, scans.velocity)
         if self._height.measured:
-            latitude, longitude, *_ = self._scans.track(scans)
-            up = self._scans.heights(scans)
-            at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
-            states += height_states(self._height, self.reduction, at, self._scans.levels(scans))
+            at = State(scans.latitude, scans.longitude, scans.height, *scans.velocity.T)
+            states += height_states(self._height, self.reduction, at, scans.level)
         return joined(states)
 
-    def _late(self, batch: Batch, prior: Array) -> Batch:
-        """Return a batch of readings that are late, each where the vehicle was when it
-        was sensed (docs/mathematics.md, section 4.7)."""
-        every_scan = self._scans.every
-        latitude, longitude, velocity, times = self._scans.track(every_scan)
-        path = Path(times, latitude, longitude, self._scans.heights(every_scan), velocity)
-        seen, reading = sensed(path, batch.time, batch.reading, self._lag, self.reduction)
-        latitude, longitude = np.asarray(seen.latitude), np.asarray(seen.longitude)
-        velocity = np.stack([seen.v_north, seen.v_east], axis=-1)
-        told_of = batch.time - self._lag.mean
-        end = float(batch.time[-1])
-        _, every, apart = self._errors(latitude, velocity, told_of, end, prior)
-        at_scan = self._jacobian(latitude, longitude, velocity)
-        added = self._added(told_of, latitude, longitude, np.asarray(seen.height), velocity)
-        return replace(
-            batch,
-            latitude=latitude,
-            longitude=longitude,
-            velocity=velocity,
-            reading=reading,
-            by_error=_of_rows(every, at_scan),
-            apart=_of_rows(apart, at_scan),
-            instrument=replace(batch.instrument, added=added),
-            end_place=batch.end,
-        )
-
-    def _errors(
-        self,
-        latitude: Array,
-        velocity: Array,
-        times: Array,
-        end: float,
-        prior: Array,
-    ) -> tuple[Array, Array, Array]:
-        """Return `backwards` of scans, and both of `across`, what gravity moves with the latter;
-        `prior` (7, 7) is the navigator's covariance at the end."""
-        plain = backwards(latitude, velocity, times, end)
-        every, apart = across(self._bridge, plain, latitude, velocity, times, end)
-        moved = self.gravity.apart(velocity, times, end, prior)
-        return plain, every, np.concatenate([apart, moved], axis=2)
-
-    def _added(
+    def _reduced(
         self, time: Array, latitude: Array, longitude: Array, height: Array, velocity: Array
     ) -> Array | None:
         """Return (T,) what the reduction adds to readings at the scans; None of readings that are
@@ -344,19 +289,16 @@ class BatchBuilder:
 
         Of heights that the vehicle has gone to: a model of late readings that took for its motion
         what errors of a measured height change by would foretell these errors, and be believed."""
-        if self._scans.shape[0] > 1:
+        if self.collected.scans.reading.shape[1] > 1:
             return None
         up = of_vehicle(self._height, time, height)
-        at = State(latitude, longitude, up, velocity[:, 0], velocity[:, 1])
+        at = State(latitude, longitude, up, *velocity.T)
         return self.reduction.reduce(np.zeros(len(latitude)), at)
 
     def _jacobian(self, latitude: Array, longitude: Array, velocity: Array) -> Array:
         """Return (T, 4) d(reading)/d(navigator's error at the scan) by the reduction; its height
-        is known.
-        """
-        return self.reduction.jacobian(
-            State(latitude, longitude, 0.0, velocity[:, 0], velocity[:, 1])
-        )
+        is known."""
+        return self.reduction.jacobian(State(latitude, longitude, 0.0, *velocity.T))
 
 
 def _of_rows(errors: Array, jacobian: Array) -> Array:

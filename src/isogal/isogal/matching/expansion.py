@@ -5,7 +5,7 @@ Rows of a batch are scans times channels or beams. A row names its channel, whos
 in common are parameters. Everything else a matcher does with a batch stays as it is for one
 number. Which expansion a scenario needs says `expansion_of`."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -22,6 +22,7 @@ from isogal.matching.interfaces import Batch, Layout
 from isogal.matching.parameters import Parameters
 from isogal.matching.reading_noise import scan_noise
 from isogal.matching.registry import able, require
+from isogal.matrices import symmetric
 from isogal.scenario import Assumed, Gradiometer
 from isogal.sensors.altimeter import PARTS
 from isogal.sensors.gradiometer import EOTVOS, tilt_effect
@@ -77,31 +78,26 @@ def with_allowed_tilt(assumed: Gradiometer, matcher: str) -> Gradiometer:
     return assumed
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Channels:
     """Several numbers at each scan, such as components of the gravity gradient tensor
-    (docs/mathematics.md, section 12.4).
+    (docs/mathematics.md, section 12.4)."""
 
-    Parameters
-    ----------
-    covariance : (C, C) array
-        Of the sensor's noise.
-    gradiometer : scenario.Gradiometer, optional
-        Whose components they are; None = of another instrument.
-    """
-
-    def __init__(self, covariance: Array, gradiometer: Gradiometer | None = None) -> None:
-        self._covariance, self._gradiometer = covariance, gradiometer
+    covariance: Array
+    """(C, C) of the sensor's noise."""
+    gradiometer: Gradiometer | None = None
+    """Whose components they are; None = of another instrument."""
 
     @property
     def shape(self) -> tuple[int, int]:
         """One number of each channel."""
-        return len(self._covariance), 1
+        return len(self.covariance), 1
 
     def expand(self, batch: Batch, readings: Array, offset: Array) -> Batch:
         """Return the batch with a row for each channel, with how the map errors of channels go
         together, and with tilt and offsets as parameters."""
-        whole = channel_batch(batch, readings[..., 0], self._covariance)
-        assumed = self._gradiometer
+        whole = channel_batch(batch, readings[..., 0], self.covariance)
+        assumed = self.gradiometer
         if assumed is None:
             return whole
         slow = _slow_errors(assumed, whole) if assumed.wanders else None
@@ -121,7 +117,7 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
         known for other channels, and taken as nothing.
     readings : (T, C) array
         Unit of the maps; NaN = no reading of that channel at that scan.
-    covariance : (C, C) or (T, C, C) array
+    covariance : (C, C) array
         Of the sensor's noise, positive definite.
 
     Raises
@@ -129,15 +125,20 @@ def channel_batch(batch: Batch, readings: ArrayLike, covariance: ArrayLike) -> B
     InputError
         Shapes that do not fit, or a covariance that is not positive definite.
     """
-    readings = np.asarray(readings, dtype=np.float64)
+    readings, covariance = np.asarray(readings, np.float64), np.asarray(covariance, np.float64)
     if readings.ndim != 2 or readings.shape[0] != len(batch):
         raise InputError(
             f"readings of several channels must have shape ({len(batch)}, channels),"
             f" have {readings.shape}"
         )
     scans, channels = readings.shape
-    blocks = _of_each_scan(np.asarray(covariance, dtype=np.float64), scans, channels)
-    white, common = scan_noise(blocks)
+    fits = covariance.shape == (channels, channels) and np.isfinite(covariance).all()
+    if not (fits and np.linalg.eigvalsh(symmetric(covariance))[0] > 0.0):
+        raise InputError(
+            "covariance of readings of several channels must be positive definite, and have shape"
+            f" ({channels}, {channels}); has {covariance.shape}"
+        )
+    white, common = scan_noise(symmetric(covariance), scans)
     rows = _repeated(batch, channels)
     not_of_readings = np.array([1.0, 1.0, 0.0])[:, None]
     apart = rows.apart
@@ -159,23 +160,6 @@ def _repeated(batch: Batch, count: int) -> Batch:
     return replace(rows, new=batch.new * count, instrument=replace(rows.instrument, added=None))
 
 
-def _of_each_scan(covariance: Array, scans: int, channels: int) -> Array:
-    """Return the covariance (T, C, C) of each scan's readings from that or one for all of them,
-    (C, C); raises InputError as `channel_batch`."""
-    if covariance.shape not in ((channels, channels), (scans, channels, channels)):
-        raise InputError(
-            f"covariance of readings of several channels must have shape ({channels}, {channels})"
-            f" or with {scans} scans in front, has {covariance.shape}"
-        )
-    blocks = np.broadcast_to(covariance, (scans, channels, channels))
-    if not (
-        np.isfinite(blocks).all()
-        and (np.linalg.eigvalsh(0.5 * (blocks + blocks.swapaxes(1, 2))) > 0.0).all()
-    ):
-        raise InputError("covariance of readings of several channels must be positive definite")
-    return np.asarray(0.5 * (blocks + blocks.swapaxes(1, 2)))
-
-
 def _slow_errors(assumed: Gradiometer, batch: Batch) -> Parameters:
     """Return the platform's tilt and the components' offsets."""
     assert batch.channel is not None
@@ -194,70 +178,59 @@ def _slow_errors(assumed: Gradiometer, batch: Batch) -> Parameters:
     return together
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class OwnField:
     """Total fields with the terms of what the vehicle adds, whose coefficients are estimated
-    (docs/magnetometer.md, section 5.2).
+    (docs/magnetometer.md, section 5.2)."""
 
-    Parameters
-    ----------
-    sigma : (C,) array
-        1-sigma of the coefficients before the first reading, nT.
-    """
-
-    def __init__(self, sigma: Array) -> None:
-        self._sigma = sigma
+    sigma: Array
+    """(C,) 1-sigma of the coefficients before the first reading, nT."""
 
     @property
     def shape(self) -> tuple[int, int]:
         """The anomaly, and the terms of the same reading."""
-        return 1, 1 + len(self._sigma)
+        return 1, 1 + len(self.sigma)
 
     def expand(self, batch: Batch, readings: Array, offset: Array) -> Batch:
         """Return the batch with the coefficients as parameters."""
         there = np.asarray(np.isfinite(readings[:, 0]).all(axis=1))
         terms = np.where(there[:, None], readings[:, 0, 1:], 0.0)
-        own = Parameters(("",) * len(self._sigma), self._sigma, terms)
+        own = Parameters(("",) * len(self.sigma), self.sigma, terms)
         reading = np.where(there, batch.reading, np.nan)
         return replace(batch, reading=reading, instrument=batch.instrument.along(own))
 
 
+@dataclass(frozen=True, slots=True)
 class Soundings:
     """Terrain heights under several beams, each at its own place (docs/mathematics.md, section
-    2.7).
+    2.7)."""
 
-    Parameters
-    ----------
-    beams : int
-        B.
-    scale_sigma : float
-        1-sigma of the scale error of all ranges; 0 = there is none.
-    """
-
-    def __init__(self, beams: int, scale_sigma: float) -> None:
-        self._beams, self._scale_sigma = beams, scale_sigma
+    beams: int
+    scale_sigma: float
+    """1-sigma of the scale error of all ranges; 0 = there is none."""
 
     @property
     def shape(self) -> tuple[int, int]:
         """Heights, and footprints m north, east and down of the vehicle."""
-        return self._beams, PARTS
+        return self.beams, PARTS
 
     def expand(self, batch: Batch, readings: Array, offset: Array) -> Batch:
         """Return the batch with a row for each beam, at the place of its footprint."""
         met = np.asarray(np.isfinite(readings).all(axis=-1))
         foot = np.where(met[..., None], readings[..., 1:], 0.0).reshape(-1, PARTS - 1)
         height = np.where(met, readings[..., 0] - offset[:, None], np.nan)
-        rows = _repeated(batch, self._beams)
+        rows = _repeated(batch, self.beams)
         north, east = metres_per_radian(rows.latitude)
         scale = None
-        if self._scale_sigma > 0.0:
-            sigma = np.array([self._scale_sigma])
+        if self.scale_sigma > 0.0:
+            sigma = np.array([self.scale_sigma])
             scale = Parameters(("range_scale",), sigma, -foot[:, 2:], foot[:, :2, None])
         return replace(
             rows,
             latitude=rows.latitude + foot[:, 0] / north,
             longitude=rows.longitude + foot[:, 1] / east,
             reading=height.reshape(-1),
-            layout=Layout(np.tile(np.arange(self._beams), len(batch)), beams=True),
+            layout=Layout(np.tile(np.arange(self.beams), len(batch)), beams=True),
             instrument=rows.instrument.along(scale),
             end_place=batch.end,
         )

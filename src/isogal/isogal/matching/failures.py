@@ -5,6 +5,7 @@ positive definite, an array without elements. Whoever matches batches one after 
 matcher through `match_or_decline`: the Monte Carlo engine, the node and `isogal match`."""
 
 from dataclasses import replace
+from traceback import walk_tb
 from types import TracebackType
 from typing import Any
 
@@ -66,9 +67,8 @@ def _check(fix: Fix) -> None:
 def _place(trace: TracebackType | None) -> str:
     """Return where an exception comes from: the last line outside of packages of numbers."""
     where = ""
-    while trace is not None:
-        module = str(trace.tb_frame.f_globals.get("__name__", ""))
+    for frame, line in walk_tb(trace):
+        module = str(frame.f_globals.get("__name__", ""))
         if module != __name__ and module.partition(".")[0] not in _NUMERICAL:
-            where = f" ({module}, line {trace.tb_lineno})"
-        trace = trace.tb_next
+            where = f" ({module}, line {line})"
     return where

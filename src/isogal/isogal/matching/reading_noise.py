@@ -122,26 +122,23 @@ def joined(states: Sequence[_State]) -> Parameters | None:
     )
 
 
-def scan_noise(covariance: Array) -> tuple[Array, Parameters | None]:
+def scan_noise(covariance: Array, scans: int) -> tuple[Array, Parameters | None]:
     """Return (T C,) the 1-sigma of the white part of T scans of C readings each, of covariance
-    (T, C, C), and what the readings of a scan have in common; None where that is nothing.
+    (C, C), and what the readings of a scan have in common; None where that is nothing.
 
-    In units of the readings' own 1-sigmas the least eigenvalue of a scan is white, and the rest
-    are C - 1 unknowns that are new at each scan."""
-    scans, channels = covariance.shape[:2]
-    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    unit = covariance / (sigma[:, :, None] * sigma[:, None, :])
+    In units of the readings' own 1-sigmas the least eigenvalue is white, and the rest are C - 1
+    unknowns that are new at each scan."""
+    channels = len(covariance)
+    sigma = np.sqrt(np.diag(covariance))
+    unit = covariance / np.outer(sigma, sigma)
     if np.abs(unit - np.eye(channels)).max() < 1e-9:
-        return sigma.reshape(-1), None
+        return np.tile(sigma, scans), None
     values, vectors = np.linalg.eigh(unit)
-    columns = sigma[:, :, None] * vectors * np.sqrt(values - values[:, :1])[:, None, :]
-    white = sigma * np.sqrt(values[:, :1])
-    return (
-        white.reshape(-1),
-        Parameters(
-            ("",) * (channels - 1),  # nobody wants to see them
-            np.ones(channels - 1),
-            columns[:, :, 1:].reshape(scans * channels, channels - 1),
-            time=np.full(channels - 1, INSTANT_S),
-        ),
+    columns = sigma[:, None] * vectors * np.sqrt(values - values[0])
+    common = Parameters(
+        ("",) * (channels - 1),  # nobody wants to see them
+        np.ones(channels - 1),
+        np.tile(columns[:, 1:], (scans, 1)),
+        time=np.full(channels - 1, INSTANT_S),
     )
+    return np.tile(sigma * np.sqrt(values[0]), scans), common

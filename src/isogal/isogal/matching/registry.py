@@ -9,12 +9,23 @@ from isogal import plugins
 from isogal.errors import InputError
 from isogal.fields.measured import field_named
 from isogal.matching.interfaces import Matcher
-from isogal.matching.update_schedule import UpdateSchedule
 from isogal.scenario import Assumed, validated
 from isogal.scenario import Matcher as MatcherSettings
 
 Options = TypeVar("Options", bound=BaseModel)
 _MEMBERS = ("from_settings", "name", "context", "takes_channels", "match")
+
+
+def time_between_fixes(assumed: Assumed) -> float:
+    """Return the time between the fixes of a field if it were alone, s."""
+    return assumed.matcher.scans_between_fixes * assumed.gravimeter.interval
+
+
+def leading_field(each: Sequence[Assumed]) -> int:
+    """Return which of the fields of a scenario (`Assumed.each_field`) says when batches end, for
+    all of them: that with the least time between its fixes."""
+    times = [time_between_fixes(one) for one in each]
+    return times.index(min(times))
 
 
 def build_run_matcher(assumed: Assumed) -> Matcher:
@@ -30,7 +41,7 @@ def build_run_matcher(assumed: Assumed) -> Matcher:
     if len(each) == 1:
         return load_matcher(each[0].matcher, channels[0])
     settings = [one.matcher for one in each]
-    return matcher_of_fields(settings, assumed.field_names, UpdateSchedule.of(each).lead)
+    return matcher_of_fields(settings, assumed.field_names, leading_field(each))
 
 
 def matcher_of_fields(

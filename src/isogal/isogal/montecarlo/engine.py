@@ -26,8 +26,7 @@ from isogal.maps.channels import RouteMap
 from isogal.maps.several import RunMap, each_map, first_map
 from isogal.matching.batching import fix_due
 from isogal.matching.interfaces import Matcher
-from isogal.matching.registry import build_run_matcher
-from isogal.matching.update_schedule import UpdateSchedule
+from isogal.matching.registry import build_run_matcher, leading_field
 from isogal.montecarlo.recorder import Recorder
 from isogal.navigator import Navigator
 from isogal.scenario import Scenario
@@ -181,7 +180,7 @@ class Simulation:
 
     def _batch_ends(self) -> Integers:
         """Return the scans at which a batch ends."""
-        lead = UpdateSchedule.of(self._fields).lead
+        lead = leading_field(self._fields)
         every, settings = self._every[lead], self._fields[lead].matcher
         scans = range(every, self.scans + 1, every)
         ends = [scan for scan in scans if fix_due(scan // every, settings)]

@@ -36,7 +36,7 @@ from isogal.tracks.bank import TrackMatcher
 from isogal.tracks.fields import TrackField, batch_ends, check_fields, joint_batch, matcher_of
 from isogal.tracks.informative import judged
 from isogal.tracks.places import Shifts
-from isogal.tracks.track import Track, enough_readings
+from isogal.tracks.track import FEWEST, Track, enough_readings
 
 Progress = Callable[[int, int], None]
 """Called with how many batches are done, and how many there are."""
@@ -46,23 +46,11 @@ MOST_SHIFTS = 6
 """Batches of a track whose `Match.shifts` are kept, for display: each has some 20 MB."""
 _LEAST_VELOCITY = 1e-6
 """m/s, least 1-sigma of the velocity: matchers need a prior that is positive definite."""
-_LIMITS = {
-    "position": (1e-3, 1e6, "m", "--prior-sigma"),
-    "velocity": (0.0, 1e3, "m/s", "--velocity-sigma"),
-    "walk": (0.0, 1e6, "m", "--walk-sigma"),
-}
 
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """1-sigma per axis of the track's error.
-
-    Raises
-    ------
-    InputError
-        One of them is out of range: so small that covariances become singular, or larger than any
-        navigator's.
-    """
+    """1-sigma per axis of the track's error."""
 
     position: float = 1000.0
     """m, at the first batch's end; at every batch's end unless batches are chained."""
@@ -71,15 +59,6 @@ class Uncertainty:
     walk: float = 0.0
     """m per square root of an hour, random walk of the position error from batch to batch; counts
     only where they are chained."""
-
-    def __post_init__(self) -> None:
-        for name, (least, most, unit, option) in _LIMITS.items():
-            value = getattr(self, name)
-            if not least <= value <= most:
-                raise InputError(
-                    f"1-sigma of the track's {name} error ({option}) must be {least:g} to {most:g}"
-                    f" {unit}, is {value:g}"
-                )
 
     @property
     def prior(self) -> Array:
@@ -156,6 +135,10 @@ def match_fields(
     matching = matcher or matcher_of(fields)
     track, settings = fields[0].track, fields[0].settings
     enough_readings(track)
+    if settings.batch_length < FEWEST:
+        raise InputError(
+            f"matcher.batch_length (--batch-length): must be at least {FEWEST} on a recorded track"
+        )
     ends = batch_ends(len(track), settings)
     by_bank = isinstance(matching, TrackMatcher)
     earlier = matching.context + settings.batch_length - (settings.stride or settings.batch_length)

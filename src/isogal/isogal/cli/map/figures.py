@@ -64,7 +64,7 @@ def map_figure(
     for axes in panels:
         axes.label_outer()  # beside the other map, or above it, they are the same
         if track is not None:
-            _track(axes, track, shown, stretches)
+            _track(axes, track, shown)
     if stretches is not None and bottom is not None:
         _accuracy(bottom.subplots(), stretches)
     return figure
@@ -84,10 +84,8 @@ def _gradient(field_map: "ScalarMap", shown: FieldMap) -> tuple[FieldMap, str]:
     return replace(shown, values=steep, unit=unit), f"Size of the gradient ({unit})"
 
 
-def _track(
-    axes: "Axes", track: tuple[Array, Array], field_map: FieldMap, stretches: "Stretches | None"
-) -> None:
-    """Draw the track, with a mark at each fifth of it, about, where it has stretches."""
+def _track(axes: "Axes", track: tuple[Array, Array], field_map: FieldMap) -> None:
+    """Draw the track, and a dot where it begins."""
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.6, foreground="black")]
@@ -97,16 +95,6 @@ def _track(
     latitude, longitude = np.degrees(track[0]), np.degrees(turned)
     axes.plot(longitude, latitude, color="white", linewidth=1.2, path_effects=halo)
     axes.plot(longitude[0], latitude[0], "o", color="white", markeredgecolor="black")
-    if stretches is None:
-        return
-    length = float(stretches.end[-1])
-    spacing = style.nice_limit(length / 5.0)
-    for mark in np.arange(spacing, length, spacing):
-        nearest = round(mark / length * (len(latitude) - 1))
-        text, at = f"{mark / 1e3:g} km", (longitude[nearest], latitude[nearest])
-        axes.plot(*at, marker="|", markersize=7, color="white", path_effects=halo)
-        written = axes.annotate(text, at, xytext=(3, -10), textcoords="offset points")
-        written.set(fontsize=7, color="white", path_effects=halo)
 
 
 def _accuracy(axes: "Axes", stretches: "Stretches") -> None:

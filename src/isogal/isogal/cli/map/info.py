@@ -180,7 +180,7 @@ def variability(
 ) -> None:
     """Compute the map feature variability (paper eq. CV) at each reading along a route."""
     route = where.build()
-    field_map = map_.load_along(route.around(where.margin), route.measured)
+    field_map = map_.load_part(route.around(where.margin), route.measured)
     track = route.readings_on(field_map)
     found = template.along(field_map, track)
     if figure is not None:

@@ -30,21 +30,6 @@ class AreaResults:
     figure: Picture = None
     json: Json = False
 
-    def write(self, found: "Navigability") -> None:
-        """Write the files and print the summary; raises InputError."""
-        from isogal.evaluation.navigability.files import write_navigability
-
-        for path in self.out or ():
-            write_navigability(found, path)
-        if self.figure is not None:
-            from isogal.cli.map.figures import navigability_figure
-
-            draw(self.figure, navigability_figure(found))
-        if self.json:
-            print_json(found.summary())
-        else:
-            _print(found, [*(self.out or ()), *([self.figure] if self.figure else ())])
-
 
 @with_groups
 def navigability(
@@ -70,7 +55,7 @@ def navigability(
     field_map = map_.load(part and part.window, measured_field(settings).source)
     with Bars("headings") as bars:
         found = compute(settings.true, field_map, headings, partial(bars, "headings"))
-    results.write(found)
+    _write(found, results)
 
 
 def _along_a_route(where: PartChoice) -> bool:
@@ -80,9 +65,22 @@ def _along_a_route(where: PartChoice) -> bool:
     )
 
 
-def _print(found: "Navigability", files: list[Path]) -> None:
+def _write(found: "Navigability", results: AreaResults) -> None:
+    """Write the files and print the summary; raises InputError."""
+    from isogal.evaluation.navigability.files import write_navigability
+
+    for path in results.out or ():
+        write_navigability(found, path)
+    if results.figure is not None:
+        from isogal.cli.map.figures import navigability_figure
+
+        draw(results.figure, navigability_figure(found))
     summary = found.summary()
+    if results.json:
+        print_json(summary)
+        return
     rows, columns = found.ambiguity.shape
+    files = (*(results.out or ()), results.figure)
     print_table(
         ("", "least", "quarter", "median", "three quarters", "largest"),
         [
@@ -90,7 +88,7 @@ def _print(found: "Navigability", files: list[Path]) -> None:
             for name, (_, unit, _) in found.layers().items()
             if name in summary
         ],
-        *map(str, files),
+        *(str(path) for path in files if path is not None),
         title=f"RMS error on arrival, {rows} x {columns} nodes, {len(found.heading)} headings;"
         f" without readings {found.prior:.0f} m",
     )

@@ -169,9 +169,8 @@ def _lines(report: Mapping[str, Any], unit: str) -> Iterator[str]:
             f"{name} is not used: {count} of {report['readings']} readings have none (give all of"
             " them, or leave these readings out)"
         )
-    if len(off) > 1:
-        tried = ", ".join(f"{name} {factor * error:.3g} {unit}" for name, error in off.items())
-        yield f"method {report['method']}; mean absolute error of readings left out: {tried}"
+    tried = ", ".join(f"{name} {factor * error:.3g} {unit}" for name, error in off.items())
+    yield f"method {report['method']}; mean absolute error of readings left out: {tried}"
     yield (
         f"nodes {report['spacing_m']:.4g} m apart; lines or stations are typically"
         f" {report['gap_m']:.4g} m apart"
@@ -208,8 +207,6 @@ def _lines(report: Mapping[str, Any], unit: str) -> Iterator[str]:
             f" {factor * after['rms_left_out']:.3g} {unit};"
             f" {after['degrees_of_freedom']:.1f} degrees of freedom are left"
         )
-        if after["rms_left_out"] >= before["rms"]:
-            yield "levelling does not help here: leave out --level"
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,11 @@ def match(
 
     The fixes and their covariances are those of the measurements alone.
     """
+    from isogal.tracks.matching import Uncertainty
     from isogal.tracks.results import HEADER, as_json, as_objects, cells, in_words, write_results
 
     check_together(track, matching, assumed, results)
-    uncertainty = assumed.of_track()
+    uncertainty = Uncertainty(assumed.prior_sigma, assumed.velocity_sigma, assumed.walk_sigma)
     lines = read_fields(map_, track.resolved(), assumed, matching)
     found = [(_matched(fields, uncertainty, matching.chain, results), fields) for fields in lines]
     objects = [entry for one in found for entry in as_objects(*one)]

@@ -86,29 +86,27 @@ class FieldChoice:
         """
         one, track = field.scalar_map, field.track
         changes = matching.changes() + self.assumed.changes(one, track.factor)
-        given = {item.partition("=")[0] for item in changes}
-        length = "matcher.map_correlation_length"
-        if length not in given and one.correlation_length is not None:
-            changes.append(f"{length}={one.correlation_length!r}")
         settings = _scenario(changes).matcher
-        if "matcher.map_sigma" not in given and not one.states_error:
+        given, more = settings.model_fields_set, dict[str, float | None]()
+        if "map_correlation_length" not in given and one.correlation_length is not None:
+            more["map_correlation_length"] = one.correlation_length
+        if "map_sigma" not in given and not one.states_error:
             note(
                 "the map does not say how wrong it is, which is estimated along the track; give"
                 " --map-sigma where it is known"
             )
         if matching.whole:
-            whole = {"batch_length": max(len(track), 2), "stride": None}
-            settings = settings.model_copy(update=whole)
+            more |= {"batch_length": len(track), "stride": None}
         doubt = track.normal_gravity_in_doubt(one.quantity) * self.assumed.prior_sigma
-        if doubt == 0.0 or self.track.reduction is not None:
-            return settings
-        note(
-            f"{track.where}: offset holds normal gravity; as it does not say at which latitude, an"
-            f" unknown constant of {doubt / track.factor:.2g} {field.unit} is allowed for. Say"
-            " --reduction latitude if it was the track's own, else --reduction none"
-        )
-        bias = math.hypot(settings.bias_sigma, doubt)
-        return settings.model_copy(update={"bias_sigma": bias})
+        if doubt > 0.0 and self.track.reduction is None:
+            note(
+                f"{track.where}: offset holds normal gravity; as it does not say at which"
+                f" latitude, an unknown constant of {doubt / track.factor:.2g} {field.unit} is"
+                " allowed for. Say --reduction latitude if it was the track's own, else"
+                " --reduction none"
+            )
+            more["bias_sigma"] = math.hypot(settings.bias_sigma, doubt)
+        return settings.model_copy(update=more)
 
 
 def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
@@ -134,7 +132,7 @@ def _scalars(choice: FieldChoice) -> "Iterator[TrackField]":
     for line, corridor in zip(lines, corridors, strict=True):
         field_map: ScalarMap | None
         field_map = learnt[0] if learnt else _at_height(map_, chosen, corridor.window)
-        field_map = field_map or map_.load_along(corridor)
+        field_map = field_map or map_.load_part(corridor)
         unit, factor = _unit_of(chosen.track_unit, field_map, line[0])
         sigma = assumed.reading_sigma(field_map, factor) if learnt is None else learnt[1]
         track = _track(line, field_map, factor, sigma, chosen.reduction)
@@ -206,9 +204,7 @@ def _at_height(map_: MapChoice, chosen: TrackChoice, window: "Window") -> "Field
 
     if chosen.height is None:
         return None
-    # a map need not be read where the level is given
-    level = chosen.map_height
-    level = _level(chosen, map_.load(window)) if level is None else level
+    level = _level(chosen, map_.load(window))
     rim = rim_of(chosen.height - level)
     wide = map_.load(window.grown(rim)._replace(most_cells=2 * window.most_cells))
     return continued(wide, chosen.height, level, window=window).window(*window[:4])
@@ -236,19 +232,23 @@ def _lines(chosen: TrackChoice, crs: str | None) -> "Sequence[Sequence[Track]]":
     """Return the track for each line of a file; of a bag one for each quantity."""
     from isogal.magnetics.flight import read_base_station
     from isogal.tracks.csv_file import read_csv_tracks
-    from isogal.tracks.recording import is_recording, read_recording
+    from isogal.tracks.recording import FIX_TOPIC, is_recording, read_recording
 
+    of_bag = is_recording(chosen.track)
+    for option, given, goes_with_bag in (
+        ("--fix-topic", chosen.fix_topic, True),
+        ("--base", chosen.base, False),
+        ("--column", chosen.column, False),
+    ):
+        if given is not None and of_bag != goes_with_bag:
+            kind = "bag" if goes_with_bag else "text file"
+            raise InputError(f"{option}: goes with a {kind}, which {chosen.track} is not")
     if not chosen.track.exists():
         raise InputError(f"{chosen.track}: no such file or folder")
+    if of_bag:
+        return [read_recording(chosen.track, chosen.fix_topic or FIX_TOPIC)]
     if chosen.compensation is not None:
         tracks = [_compensated(chosen.track, chosen.compensation)]
-    elif is_recording(chosen.track):
-        for option, given in (("--base", chosen.base), ("--column", chosen.column)):
-            if given is not None:
-                raise InputError(
-                    f"{option}: goes with a text file, not with a bag ({chosen.track})"
-                )
-        return [read_recording(chosen.track, chosen.fix_topic)]
     else:
         tracks = read_csv_tracks(chosen.track, crs, chosen.column or "value")
         if unused := tracks[0].unused:
@@ -425,14 +425,12 @@ def _keys(text: str) -> dict[str, str]:
     """Return the keys and values of ``KEY=VALUE,...``; raises InputError."""
     given: dict[str, str] = {}
     for part in text.split(","):
-        key, sign, value = part.partition("=")
-        key, value = key.strip(), value.strip()
-        if not sign or not value:
-            raise InputError(f"--also {text}: '{part}' is not KEY=VALUE")
-        if key not in KEYS:
-            raise InputError(f"--also {text}: unknown key '{key}'; known: {', '.join(KEYS)}")
-        if key in given:
-            raise InputError(f"--also {text}: {key} is given twice")
+        key, _, value = (word.strip() for word in part.partition("="))
+        if key not in KEYS or not value or key in given:
+            raise InputError(
+                f"--also {text}: '{part}' must be KEY=VALUE, each of these at most once:"
+                f" {', '.join(KEYS)}"
+            )
         given[key] = value
     missing = [key for key in _REQUIRED if key not in given]
     if missing:

@@ -11,7 +11,6 @@ from isogal.errors import InputError
 
 if TYPE_CHECKING:
     from isogal.maps.tiled_map import ScalarMap
-    from isogal.tracks.matching import Uncertainty
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,9 @@ class TrackChoice:
             " bag's readings it is known.",
         ),
     ] = None
-    fix_topic: Annotated[str, text("TOPIC", "Of a bag: the navigator's position.")] = "nav/fix"
+    fix_topic: Annotated[
+        str | None, text("TOPIC", "Of a bag: the navigator's position; default: nav/fix.")
+    ] = None
     compensation: Annotated[
         Path | None,
         text(
@@ -200,17 +201,25 @@ class Assumptions:
 
     PANEL: ClassVar = "What is assumed"
 
-    prior_sigma: Annotated[float, number("1-sigma of the track's position, m per axis.", "M")] = (
-        1000.0
-    )
+    prior_sigma: Annotated[
+        float, number("1-sigma of the track's position, m per axis.", "M", least=1e-3, most=1e6)
+    ] = 1000.0
     velocity_sigma: Annotated[
         float,
-        number("1-sigma of the track's velocity, constant over a batch, m/s per axis.", "M/S"),
+        number(
+            "1-sigma of the track's velocity, constant over a batch, m/s per axis.",
+            "M/S",
+            least=0.0,
+            most=1e3,
+        ),
     ] = 0.0
     walk_sigma: Annotated[
         float,
         number(
-            "With --chain: how far the track's error walks between batches, m in an hour.", "M"
+            "With --chain: how far the track's error walks between batches, m in an hour.",
+            "M",
+            least=0.0,
+            most=1e6,
         ),
     ] = 0.0
     sensor_sigma: Annotated[
@@ -245,12 +254,6 @@ class Assumptions:
         str | None,
         text("SIGMA", "1-sigma of an unknown constant in the readings; default: estimated."),
     ] = None
-
-    def of_track(self) -> "Uncertainty":
-        """Return how wrong the track's positions are; raises InputError."""
-        from isogal.tracks.matching import Uncertainty
-
-        return Uncertainty(self.prior_sigma, self.velocity_sigma, self.walk_sigma)
 
     def changes(self, field_map: "ScalarMap", factor: float) -> list[str]:
         """Return what the options say of the map's and the readings' errors as keys of the

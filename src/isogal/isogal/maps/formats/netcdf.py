@@ -216,7 +216,12 @@ def _axes(dataset: "Dataset", data: "Variable", where: str) -> tuple[_Axis, _Axi
         kind = _kind(axis) if axis is not None and axis.ndim == 1 else None
         if axis is not None and kind:
             found[kind] = axis
-        elif len(dataset.dimensions[dimension]) != 1:
+        elif (count := len(dataset.dimensions[dimension])) != 1 and len(data.dimensions) > 2:
+            raise InputError(
+                f"{where}: has {count} values along '{dimension}' at each place, where a map has"
+                " one: write one of them to a file of its own"
+            )
+        elif count != 1:
             raise InputError(
                 f"{where}: dimension '{dimension}' is not said to be latitude or longitude (units"
                 " degrees_north, degrees_east); a projected grid must come as GeoTIFF"

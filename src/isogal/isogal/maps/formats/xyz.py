@@ -45,6 +45,8 @@ def _rows(path: Path, order: str | None) -> Rows:
     """Return the rows of a file; `order`: names of its columns, where it does not name them."""
     with reading(path):
         text = path.read_text(encoding="utf-8-sig", errors="replace")
+    if not text.strip():
+        raise InputError(f"{path}: is empty; it needs columns of longitude, latitude and values")
     first, _, rest = text.partition("\n")
     words = re.split(r"[\s,;]+", re.sub(r"[\[(].*?[\])]", "", first.lstrip("#> ")).casefold())
     if not all(set(words) & set(column.names) for column in _COLUMNS.values()):

@@ -22,10 +22,17 @@ from pydantic import BaseModel, ConfigDict, Field
 from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
 from isogal.matching.baselines.baseline import Baseline
-from isogal.matching.baselines.readings import ReadingArrays, UsableReadings, publish_posterior
+from isogal.matching.baselines.readings import UsableReadings, publish_posterior
 from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import Batch, Fix, declined
 from isogal.matching.quasi_random import standard_normal
+
+RESAMPLE = 0.5
+"""Effective share of the particles below which they are resampled."""
+ROUGHENING = 0.2
+"""Spread added at a resampling, in 1-sigma of the particles over N^(1/4)."""
+NOISE = 1.0
+"""m, random walk of the position from scan to scan."""
 
 
 class ParticleOptions(BaseModel):
@@ -34,24 +41,10 @@ class ParticleOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     particles: int = Field(3000, ge=50, le=1_000_000, description="how many")
-    resample: float = Field(
-        0.5,
-        gt=0.0,
-        le=1.0,
-        description="effective share of the particles below which they are resampled",
-    )
-    roughening: float = Field(
-        0.2,
-        ge=0.0,
-        description="spread added at a resampling, in 1-sigma of the particles over N^(1/4)",
-    )
     least: float = Field(
         4.0,
         ge=0.0,
         description="effective particles below which, at any scan, the batch gives no fix",
-    )
-    noise: float = Field(
-        1.0, gt=0.0, description="random walk of the position from scan to scan, m"
     )
 
 
@@ -63,10 +56,10 @@ class Particle(Baseline[ParticleOptions]):
 
     def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
-        options, arrays = self.options, readings.arrays
+        options = self.options
         normal, uniform = _random_numbers(options.particles, len(readings) + 1)
-        cloud = _first_cloud(arrays.transition[0], batch.prior, self.noise.bias_sigma, normal[0])
-        motion = _Motion.of(arrays, batch.transition[-1])
+        cloud = _first_cloud(readings.transition[0], batch.prior, self.bias_sigma, normal[0])
+        motion = _Motion.of(readings, batch.transition[-1])
         smallest, rough = 1.0, np.zeros(2)
         for t in range(len(readings)):
             cloud = _weighed(readings, motion, t, cloud)
@@ -74,10 +67,10 @@ class Particle(Baseline[ParticleOptions]):
             if not math.isfinite(effective):
                 break
             smallest, rough = min(smallest, effective), np.zeros(2)
-            if effective < options.resample:
+            if effective < RESAMPLE:
                 cloud, spread = _resampled(cloud, uniform[t])
-                rough = options.roughening * options.particles**-0.25 * spread
-            cloud = _predicted(motion, t, cloud, normal[t + 1], options.noise**2, rough)
+                rough = ROUGHENING * options.particles**-0.25 * spread
+            cloud = _predicted(motion, t, cloud, normal[t + 1], rough)
         figures = {"effective_particles": smallest * options.particles}
         if not np.isfinite(cloud.weight).all():
             return declined(batch, "no particle lies on the map", **figures)
@@ -108,7 +101,7 @@ class _Motion(NamedTuple):
     """(N, 2, 2)."""
 
     @classmethod
-    def of(cls, readings: ReadingArrays, last: Array) -> "_Motion":
+    def of(cls, readings: UsableReadings, last: Array) -> "_Motion":
         """Take both from the readings' dependence on xi; `last` (2, 4) is the transition of the
         batch end. With p = A_p xi_p + A_v v, xi = (A_p^-1 (p - A_v v), v)."""
         transition, jacobian = readings.transition, readings.jacobian
@@ -173,7 +166,7 @@ def _weighed(readings: UsableReadings, motion: _Motion, t: int, cloud: _Cloud) -
     difference = readings.compared(p[None], slice(t, t + 1))[0][0]
     h = np.append(motion.by_velocity[t], 1.0)
     across = P @ h
-    S = readings.arrays.sigma[t] ** 2 + h @ across
+    S = readings.sigma[t] ** 2 + h @ across
     r = difference - p @ motion.by_position[t] - u @ h
     off = np.isnan(r)
     r = np.where(off, 0.0, r)
@@ -184,9 +177,7 @@ def _weighed(readings: UsableReadings, motion: _Motion, t: int, cloud: _Cloud) -
     return _Cloud(p, u, P - np.outer(across, across) / S, log, weight / weight.sum())
 
 
-def _predicted(
-    motion: _Motion, t: int, cloud: _Cloud, normal: Array, variance: float, rough: Array
-) -> _Cloud:
+def _predicted(motion: _Motion, t: int, cloud: _Cloud, normal: Array, rough: Array) -> _Cloud:
     """Move the particles to the next scan: p' = move p + drive v + noise, and what p' says about
     v.
 
@@ -194,15 +185,13 @@ def _predicted(
     ----------
     normal : (K, 2) array
         Standard normal numbers.
-    variance : float
-        m², of the random walk from scan to scan.
     rough : (2,) array
         m, 1-sigma of what is added after a resampling.
     """
     p, u, P, log, weight = cloud
     drive = motion.drive[t]
     G = drive @ P[:2]
-    C = G[:, :2] @ drive.T + variance * np.eye(2)
+    C = G[:, :2] @ drive.T + NOISE**2 * np.eye(2)
     step = normal @ np.linalg.cholesky(C).T
     gain = np.linalg.solve(C, G)
     moved = p @ motion.move[t].T + u[:, :2] @ drive.T + step

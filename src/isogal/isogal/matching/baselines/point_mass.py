@@ -23,6 +23,15 @@ from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import UsableReadings, publish_posterior
 from isogal.matching.interfaces import Batch, Fix, declined
 
+EXTENT = 4.5
+"""Half-width of the first grid in 1-sigma of the prior."""
+SUPPORT = 20.0
+"""Effective nodes that a tempered likelihood must leave."""
+CUT = 1e-5
+"""Share of the heaviest node's weight below which nodes are left out of the next grid."""
+LEVELS = 10
+"""Grids at most."""
+
 
 class PointMassOptions(BaseModel):
     """Options of `point-mass`."""
@@ -30,19 +39,6 @@ class PointMassOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     nodes: int = Field(25, ge=9, le=501, description="nodes along a side")
-    extent: float = Field(
-        4.5, gt=1.0, description="half-width of the first grid in 1-sigma of the prior"
-    )
-    support: float = Field(
-        20.0, gt=1.0, description="effective nodes that a tempered likelihood must leave"
-    )
-    cut: float = Field(
-        1e-5,
-        gt=0.0,
-        lt=1.0,
-        description="nodes below this share of the heaviest are left out of the next grid",
-    )
-    levels: int = Field(10, ge=1, le=50, description="most grids")
 
 
 class PointMass(Baseline[PointMassOptions]):
@@ -58,14 +54,14 @@ class PointMass(Baseline[PointMassOptions]):
         gain = np.asarray(np.linalg.solve(prior, batch.prior[:2, 2:]).T, np.float64)
         linear = np.zeros((3, 3))
         linear[:2, :2] = batch.prior[2:, 2:] - gain @ batch.prior[:2, 2:]
-        linear[2, 2] = self.noise.bias_sigma**2
+        linear[2, 2] = self.bias_sigma**2
         information = np.linalg.inv(prior)
         # the grid lies along the axes of the nodes that carry weight; at first, of the prior
         centre = np.zeros(2)
-        axes = np.asarray(np.linalg.cholesky(prior), dtype=np.float64) * options.extent
+        axes = np.asarray(np.linalg.cholesky(prior), dtype=np.float64) * EXTENT
         side = np.linspace(-1.0, 1.0, options.nodes)
         unit = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-        for level in range(1, options.levels + 1):
+        for level in range(1, LEVELS + 1):
             position = centre + unit @ axes.T
             nodes = _nodes(readings, field_map, position, gain, linear)
             base = -0.5 * np.einsum("ki,ij,kj->k", position, information, position)
@@ -73,11 +69,11 @@ class PointMass(Baseline[PointMassOptions]):
                 return declined(
                     batch, "no node of the search grid lies on the map", levels=float(level)
                 )
-            beta, weight = _temper(nodes.likelihood, base, options.support)
+            beta, weight = _temper(nodes.likelihood, base)
             # nodes as far apart as the posterior is wide would miss it
             if beta == 1.0:
                 break
-            centre, axes = _next_grid(unit, weight, options.cut, centre, axes)
+            centre, axes = _next_grid(unit, weight, centre, axes)
         figures = {
             "levels": float(level),
             "temper": beta,
@@ -92,11 +88,11 @@ class PointMass(Baseline[PointMassOptions]):
         return publish_posterior(batch, mean, covariance, figures)
 
 
-def _temper(likelihood: Array, base: Array, support: float) -> tuple[float, Array]:
+def _temper(likelihood: Array, base: Array) -> tuple[float, Array]:
     """Return the largest power beta <= 1 of the likelihood that leaves so many effective nodes,
     and the weights there."""
 
-    # a node off the map stays off it at beta = 0, which fewer nodes on it than `support` end with
+    # a node off the map stays off it at beta = 0, which fewer nodes on it than `SUPPORT` end with
     on_map = np.isfinite(likelihood)
     log_likelihood = np.where(on_map, likelihood, 0.0)
 
@@ -106,25 +102,23 @@ def _temper(likelihood: Array, base: Array, support: float) -> tuple[float, Arra
         return weight / weight.sum()
 
     weight = weigh(1.0)
-    if (weight**2).sum() * support <= 1.0:
+    if (weight**2).sum() * SUPPORT <= 1.0:
         return 1.0, weight
     low, high = 0.0, 1.0
     for _ in range(30):
         middle = math.sqrt(low * high) if low > 0.0 else 0.1 * high
         weight = weigh(middle)
-        if (weight**2).sum() * support <= 1.0:
+        if (weight**2).sum() * SUPPORT <= 1.0:
             low = middle
         else:
             high = middle
     return low, weigh(low)
 
 
-def _next_grid(
-    unit: Array, weight: Array, cut: float, centre: Array, axes: Array
-) -> tuple[Array, Array]:
+def _next_grid(unit: Array, weight: Array, centre: Array, axes: Array) -> tuple[Array, Array]:
     """Centre (2,) and half axes (2, 2) of the smallest grid over the nodes that carry weight,
     along that weight's own axes."""
-    kept = weight > cut * weight.max()
+    kept = weight > CUT * weight.max()
     place, share = unit[kept], weight[kept] / weight[kept].sum()
     mean = share @ place
     moment = (place - mean).T @ (share[:, None] * (place - mean))
@@ -157,7 +151,7 @@ def _nodes(
     (1 + P D'WD), W the inverse variances of the noise. The mean velocity of a node is `gain`
     (2, 2) times its position."""
     xi = np.concatenate([position, position @ gain.T], axis=1)
-    weight = readings.arrays.sigma**-2.0
+    weight = readings.sigma**-2.0
     r, slope = readings.linearise(field_map, xi)
     off = np.isnan(r).any(axis=0)
     r = np.where(off, 0.0, r)

@@ -9,7 +9,6 @@ section 4.1), the residual of a reading is
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -27,29 +26,11 @@ from isogal.matching.interfaces import (
     located,
     with_scans,
 )
-from isogal.scenario import Matcher as MatcherSettings
 
 
-@dataclass(frozen=True, slots=True)
-class AssumedNoise:
-    """What a baseline assumes beside the sensor's noise, in the map's unit."""
-
-    map_sigma: float = 0.0
-    """White 1-sigma of the map's error; where the map states a larger one, that counts."""
-    bias_sigma: float = 0.0
-    """1-sigma of an unknown constant in the readings of a batch."""
-
-    @classmethod
-    def from_settings(cls, settings: MatcherSettings) -> "AssumedNoise":
-        """Take what the scenario's matcher section says; `map_sigma: auto` is what the map states
-        itself."""
-        return cls(
-            0.0 if settings.map_sigma == "auto" else float(settings.map_sigma), settings.bias_sigma
-        )
-
-
-class ReadingArrays(NamedTuple):
-    """N readings of a batch, and the map."""
+@dataclass(frozen=True, slots=True, eq=False)
+class UsableReadings:
+    """The N readings of a batch that can be used: there is a reading, and the map around it."""
 
     grid: Grid
     latitude: Array
@@ -67,19 +48,12 @@ class ReadingArrays(NamedTuple):
     """(N, 2, 4) position error (m) per unit of xi."""
     jacobian: Array
     """(N, 4) d(reading)/d(xi) by the reduction."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UsableReadings:
-    """The N readings of a batch that can be used: there is a reading, and the map around it."""
-
-    arrays: ReadingArrays
     row: Integers
     """(N,) index of each in the batch."""
 
     @classmethod
     def of(
-        cls, batch: Batch, field_map: FieldMap, noise: AssumedNoise, whole: bool
+        cls, batch: Batch, field_map: FieldMap, map_sigma: float = 0.0, whole: bool = True
     ) -> "UsableReadings":
         """Collect readings.
 
@@ -87,7 +61,8 @@ class UsableReadings:
         ----------
         batch : Batch
         field_map : FieldMap
-        noise : AssumedNoise
+        map_sigma : float
+            White 1-sigma of the map's error; where the map states a larger one, that counts.
         whole : bool
             Whether those that an earlier batch has used count as well.
         """
@@ -96,13 +71,12 @@ class UsableReadings:
             usable[: len(batch) - batch.new] = False
         row = np.flatnonzero(usable)
         latitude, longitude = batch.latitude[row], batch.longitude[row]
-        map_sigma = np.maximum(
-            noise.map_sigma, np.nan_to_num(field_map.sigma_at(latitude, longitude))
-        )
-        variance = batch.sigma[row] ** 2 + map_sigma**2 + field_map.quantisation**2 / 12.0
+        stated = np.nan_to_num(field_map.sigma_at(latitude, longitude))
+        of_map = np.maximum(map_sigma, stated)
+        variance = batch.sigma[row] ** 2 + of_map**2 + field_map.quantisation**2 / 12.0
         variance = variance + (batch.nuisance[row, 2] ** 2).sum(axis=1)
         north, east = metres_per_radian(latitude)
-        arrays = ReadingArrays(
+        return cls(
             grid=field_map.grid,
             latitude=latitude,
             longitude=longitude,
@@ -111,8 +85,8 @@ class UsableReadings:
             sigma=np.sqrt(variance),
             transition=np.ascontiguousarray(batch.transition[row]),
             jacobian=np.ascontiguousarray(batch.reading_jacobian[row]),
+            row=row,
         )
-        return cls(arrays, row)
 
     def __len__(self) -> int:
         return self.row.shape[0]
@@ -120,10 +94,10 @@ class UsableReadings:
     def places(self, moved: Array, which: Booleans | slice = slice(None)) -> Candidates:
         """Return where some of the readings were taken if the navigator was off, (n, 2) m; see
         `compared`."""
-        one, (north, east) = self.arrays, moved.T
+        north, east = moved.T
         return Candidates(
-            latitude=one.latitude[which] - north * one.radian[which, 0],
-            longitude=one.longitude[which] - east * one.radian[which, 1],
+            latitude=self.latitude[which] - north * self.radian[which, 0],
+            longitude=self.longitude[which] - east * self.radian[which, 1],
             weight=np.ones(len(moved)),
             scan=self.row[which],
         )
@@ -144,33 +118,33 @@ class UsableReadings:
             Readings less the map, what a reduction adds to them not taken off, and the map's
             slopes to north and to east, unit/m; NaN off the map.
         """
-        one, shape = self.arrays, (-1,) + (1,) * (moved.ndim - 2)
-        north, east = (one.radian[which, k].reshape(shape) for k in range(2))
-        latitude = one.latitude[which].reshape(shape) - moved[..., 0] * north
-        longitude = one.longitude[which].reshape(shape) - moved[..., 1] * east
+        shape = (-1,) + (1,) * (moved.ndim - 2)
+        north, east = (self.radian[which, k].reshape(shape) for k in range(2))
+        latitude = self.latitude[which].reshape(shape) - moved[..., 0] * north
+        longitude = self.longitude[which].reshape(shape) - moved[..., 1] * east
         value, by_latitude, by_longitude = (
             found.reshape(latitude.shape)
-            for found in values_and_gradients(one.grid, latitude.ravel(), longitude.ravel())
+            for found in values_and_gradients(self.grid, latitude.ravel(), longitude.ravel())
         )
-        level = one.level[which].reshape(shape)
+        level = self.level[which].reshape(shape)
         return level - value, by_latitude * north, by_longitude * east
 
     def linearise(self, field_map: FieldMap, xi: Array) -> tuple[Array, Array]:
         """Return residuals (N, ...) at errors xi (..., 4) and their derivatives by xi
         (N, ..., 4); NaN off the map."""
-        one, shape = self.arrays, (-1,) + (1,) * (xi.ndim - 1)
-        difference, north, east = self.compared(np.einsum("tij,...j->t...i", one.transition, xi))
+        shape = (-1,) + (1,) * (xi.ndim - 1)
+        difference, north, east = self.compared(np.einsum("tij,...j->t...i", self.transition, xi))
         by_north, by_east, jacobian = (
             column.reshape(*shape, 4)
-            for column in (one.transition[:, 0], one.transition[:, 1], one.jacobian)
+            for column in (self.transition[:, 0], self.transition[:, 1], self.jacobian)
         )
         slope = north[..., None] * by_north + east[..., None] * by_east - jacobian
-        return difference - np.einsum("tj,...j->t...", one.jacobian, xi), slope
+        return difference - np.einsum("tj,...j->t...", self.jacobian, xi), slope
 
     def velocity_variance(self, velocity: Array) -> Array:
         """Return the variance (N,) that a velocity error of covariance (2, 2) adds to the readings
         by their reduction."""
-        by_velocity = self.arrays.jacobian[:, 2:]
+        by_velocity = self.jacobian[:, 2:]
         return np.einsum("ti,ij,tj->t", by_velocity, velocity, by_velocity)
 
 

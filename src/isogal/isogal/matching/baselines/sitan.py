@@ -18,7 +18,6 @@ from isogal.arrays import Array
 from isogal.maps.field_map import FieldMap
 from isogal.matching.baselines.baseline import Baseline
 from isogal.matching.baselines.readings import UsableReadings, publish_posterior
-from isogal.matching.failures import UNEXPLAINED
 from isogal.matching.interfaces import Batch, Fix, declined
 
 _LATTICE = np.linspace(-1.0, 1.0, 5)
@@ -35,9 +34,6 @@ class SitanOptions(BaseModel):
         ge=0.0,
         description="half-width of the fitted plane in 1-sigma of the position; 0 = gradient",
     )
-    gate: float | None = Field(
-        None, gt=0.0, description="innovations beyond so many 1-sigma are left out; null = none"
-    )
 
 
 class Sitan(Baseline[SitanOptions]):
@@ -51,23 +47,21 @@ class Sitan(Baseline[SitanOptions]):
         """Return the fix of a batch (see `Baseline`)."""
         mean, covariance = np.zeros(5), np.zeros((5, 5))
         covariance[:4, :4] = batch.prior
-        covariance[4, 4] = self.noise.bias_sigma**2
-        gate = np.inf if self.options.gate is None else self.options.gate
+        covariance[4, 4] = self.bias_sigma**2
         used, misfit = 0, 0.0
         for t in range(len(readings)):
             level, h, variance = _linear(readings, t, mean, covariance, self.options.region)
             across = covariance @ h
             S = variance + h @ across
             innovation = level - h[4] * mean[4]
-            if not innovation**2 <= gate**2 * S:  # also off the map
+            if not np.isfinite(innovation):  # off the map
                 continue
             used, misfit = used + 1, misfit + float(innovation**2 / S)
             mean = mean + across * innovation / S
             covariance = covariance - np.outer(across, across) / S
         figures = {"readings_used": float(used), "misfit": misfit / max(used, 1)}
         if used == 0:
-            figures[UNEXPLAINED] = 1.0
-            return declined(batch, "no reading agrees with the map within the gate", **figures)
+            return declined(batch, "no reading has the map around it", **figures)
         return publish_posterior(batch, mean[:4], covariance[:4, :4], figures)
 
 
@@ -99,8 +93,7 @@ def _linear(
 ) -> tuple[float, Array, float]:
     """Return what the estimate (5,), (5, 5) of xi and bias leaves of reading t, but for the bias,
     the reading's derivative (5,) by them, and the variance of its noise."""
-    arrays = readings.arrays
-    transition, jacobian = arrays.transition[t], arrays.jacobian[t]
+    transition, jacobian = readings.transition[t], readings.jacobian[t]
     moved = transition @ mean[:4]
     spread = transition @ covariance[:4, :4] @ transition.T
     half, left = region * np.sqrt(np.diag(spread)), 0.0
@@ -115,4 +108,4 @@ def _linear(
         )
         slope = np.array(by_place)
     h = np.append(jacobian - slope @ transition, 1.0)
-    return level - float(jacobian @ mean[:4]), h, arrays.sigma[t] ** 2 + left
+    return level - float(jacobian @ mean[:4]), h, readings.sigma[t] ** 2 + left

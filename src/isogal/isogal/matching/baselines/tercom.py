@@ -28,6 +28,13 @@ from isogal.matching.baselines.readings import (
 )
 from isogal.matching.interfaces import Batch, Fix, declined
 
+LEAST_HALF_WIDTH = 300.0
+"""m, of the window."""
+MOST_POINTS = 81
+"""Of the search grid along a side; beyond that its step grows."""
+AMBIGUITY = 0.05
+"""Share of likelihood far from the fix that is tolerated."""
+
 
 class TercomOptions(BaseModel):
     """Options of `tercom`."""
@@ -39,20 +46,7 @@ class TercomOptions(BaseModel):
         gt=0.0,
         description="half-width of the search window in 1-sigma of the navigator's position",
     )
-    min_half_width: float = Field(300.0, gt=0.0, description="least half-width, m")
     step: float = Field(100.0, gt=0.0, description="step of the search grid, m")
-    max_points: int = Field(
-        81, ge=5, le=1001, description="grid points along a side; beyond that the step grows"
-    )
-    remove_mean: bool | None = Field(
-        None, description="compare profiles less their means; null = where bias_sigma > 0"
-    )
-    ambiguity: float = Field(
-        0.05,
-        ge=0.0,
-        le=1.0,
-        description="share of likelihood far from the fix that is tolerated",
-    )
     min_scans: int = Field(8, ge=3, description="readings that a fix needs")
 
 
@@ -63,15 +57,10 @@ class Tercom(Baseline[TercomOptions]):
     options_model = TercomOptions
     whole = True
 
-    @property
-    def fewest(self) -> int:
-        """Readings that a fix needs."""
-        return self.options.min_scans
-
     def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
         half = np.maximum(
-            self.options.window * np.sqrt(np.diag(batch.prior)[:2]), self.options.min_half_width
+            self.options.window * np.sqrt(np.diag(batch.prior)[:2]), LEAST_HALF_WIDTH
         )
         side = [self._side(width) for width in half]
         window = _Window(half, side, *self._search(readings, side))
@@ -87,21 +76,18 @@ class Tercom(Baseline[TercomOptions]):
         return self._assess(batch, field_map, readings, window, best, float(np.nanmin(near)))
 
     def _side(self, half: float) -> Array:
-        count = min(2 * math.ceil(half / self.options.step) + 1, self.options.max_points)
+        count = min(2 * math.ceil(half / self.options.step) + 1, MOST_POINTS)
         return np.linspace(-half, half, count)
 
     def _search(self, readings: UsableReadings, side: list[Array]) -> tuple[Array, Array]:
         """Return mean absolute and mean square difference (n, m) at the shifts of two sides (n,)
         north and (m,) east, m; NaN off the map."""
-        remove = self.options.remove_mean
-        if remove is None:
-            remove = self.noise.bias_sigma > 0.0
-        arrays, found = readings.arrays, []
+        found = []
         for north in side[0]:
             shift = np.stack(np.broadcast_arrays(north, side[1]), axis=-1)
-            residual, *_ = readings.compared(shift @ arrays.transition[:, :, :2].swapaxes(1, 2))
-            residual -= arrays.jacobian[:, :2] @ shift.T
-            if remove:
+            residual, *_ = readings.compared(shift @ readings.transition[:, :, :2].swapaxes(1, 2))
+            residual -= readings.jacobian[:, :2] @ shift.T
+            if self.bias_sigma > 0.0:  # an unknown constant takes the mean off
                 residual -= residual.mean(axis=0)
             found.append((np.abs(residual).mean(axis=0), (residual**2).mean(axis=0)))
         absolute, square = np.stack(found, axis=1)
@@ -122,7 +108,7 @@ class Tercom(Baseline[TercomOptions]):
         # of Gaussian residuals the mean absolute value is sqrt(2/pi) sigma; the shift has used up
         # two of them
         seen = mad * math.sqrt(math.pi / 2.0) * math.sqrt(count / (count - 2.0))
-        sigma = np.maximum(readings.arrays.sigma, seen)
+        sigma = np.maximum(readings.sigma, seen)
         _, slope = readings.linearise(field_map, np.concatenate([best, [0.0, 0.0]]))
         if not np.isfinite(slope).all():
             return declined(
@@ -136,7 +122,7 @@ class Tercom(Baseline[TercomOptions]):
         cell = np.diag([(line[1] - line[0]) ** 2 for line in window.side])
         far = np.einsum("ijk,kl,ijl->ij", away, np.linalg.inv(covariance + cell), away) > 16.0
         figures = {"mean_absolute_difference": mad, "ambiguity": float(weight[far].sum())}
-        if figures["ambiguity"] > self.options.ambiguity:
+        if figures["ambiguity"] > AMBIGUITY:
             covariance = np.einsum("ij,ijk,ijl->kl", weight, away, away) + covariance
             if np.linalg.eigvalsh(covariance)[1] > (0.5 * widest) ** 2:
                 return declined(

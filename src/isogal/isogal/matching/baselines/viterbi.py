@@ -44,8 +44,7 @@ class Viterbi(Baseline[ViterbiOptions]):
 
     def solve(self, batch: Batch, field_map: FieldMap, readings: UsableReadings) -> Fix:
         """Return the fix of a batch (see `Baseline`)."""
-        arrays = readings.arrays
-        first = arrays.transition[0] @ batch.prior @ arrays.transition[0].T
+        first = readings.transition[0] @ batch.prior @ readings.transition[0].T
         widest = max(float(np.diag(first).max()), float(np.diag(batch.prior)[:2].max()))
         cell = 2.0 * self.options.extent * math.sqrt(widest) / self.options.cells
         side = cell * (np.arange(self.options.cells) - 0.5 * (self.options.cells - 1))
@@ -57,8 +56,8 @@ class Viterbi(Baseline[ViterbiOptions]):
         step = np.minimum(grown / max(len(readings) - 1, 1) / cell**2, 1.0)
         # a wrong velocity's Eötvös term and a bias are the same at all scans; as white noise of T
         # times the variance they weigh as much
-        common = readings.velocity_variance(batch.prior[2:, 2:]) + self.noise.bias_sigma**2
-        variance = arrays.sigma**2 + len(batch) * common
+        common = readings.velocity_variance(batch.prior[2:, 2:]) + self.bias_sigma**2
+        variance = readings.sigma**2 + len(batch) * common
         found = _trellis(_emissions(readings, place, cell, variance), start, tuple(step))
         if found is None:
             return declined(batch, "no cell of the search grid lies on the map")
@@ -91,7 +90,7 @@ def _with_velocity(prior: Array, position: Array, covariance: Array) -> tuple[Ar
 def _emissions(readings: UsableReadings, place: Array, cell: float, variance: Array) -> Array:
     """Return (N, n, n) the log-likelihoods of readings with noise (N,) in cells of a size (m) at
     position errors (n, n, 2); -inf off the map."""
-    jacobian = readings.arrays.jacobian[:, None, None, :2]
+    jacobian = readings.jacobian[:, None, None, :2]
     difference, *slope = readings.compared(np.broadcast_to(place, (len(readings), *place.shape)))
     within = ((np.stack(slope, axis=-1) - jacobian) ** 2).sum(axis=-1)
     total = variance[:, None, None] + cell**2 / 12.0 * within
