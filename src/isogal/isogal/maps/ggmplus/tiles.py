@@ -101,20 +101,15 @@ def map_of_cells(
 def cells_of(window: Window) -> tuple[range, range]:
     """Return rows (from the south pole) and columns (from Greenwich, continuous) of a window and
     its margin."""
-    east = (
-        window.east
-        if window.east >= window.west
-        else window.west + (window.east - window.west) % TWO_PI
-    )
+    south, north, west, east = window[:4]
+    if east < west:
+        east = west + (east - west) % TWO_PI
     south, north, west, east = (
-        math.degrees(x) / STEP_DEG for x in (window.south, window.north, window.west, east)
+        math.floor(math.degrees(x) / STEP_DEG) for x in (south, north, west, east)
     )
-    low, high = math.floor(south) + _UP // 2 - MARGIN, math.floor(north) + _UP // 2 + MARGIN + 1
-    left, right = (
-        math.floor(west) - MARGIN,
-        min(math.floor(east) + MARGIN + 1, math.floor(west) - MARGIN + _ACROSS),
-    )
-    return range(max(low, 0), min(high, _UP)), range(left, right)
+    rows = range(max(south + _UP // 2 - MARGIN, 0), min(north + _UP // 2 + MARGIN + 1, _UP))
+    left = west - MARGIN
+    return rows, range(left, min(east + MARGIN + 1, left + _ACROSS))
 
 
 def extent_of(names: Iterable[str]) -> Window:

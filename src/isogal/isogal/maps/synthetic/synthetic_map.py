@@ -73,13 +73,12 @@ def synthetic_map_along(
     try:
         return synthetic_map(quantity, corridor.window._replace(most_cells=WHOLE_CELLS), progress)
     except TooManyCellsError:
-        tiled = TiledMap(partial(synthetic_map, quantity), corridor)
         needed = {
-            tile for window in tiled.windows() for tile in places_of(*_cells(window), SIZE_DEG)
+            tile for window in corridor.windows() for tile in places_of(*_cells(window), SIZE_DEG)
         }
         for _ in read_tiles(quantity, sorted(needed), progress):
             pass
-        return tiled
+        return TiledMap(partial(synthetic_map, quantity), corridor)
 
 
 def _cells(window: Window) -> tuple[range, range]:
