@@ -9,7 +9,6 @@ along the normal of the ellipsoid, at one height above it:
 pyshtools reads the coefficients and gives the Legendre functions and their derivatives."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ from isogal.errors import InputError
 from isogal.files import reading
 from isogal.maps.axes import Window, check_size
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Asked, Format, grid_in_memory
+from isogal.maps.formats.format import Asked, FileGrid, Format
 
 _J2 = 108263e-8
 """Of GRS80, its second zonal coefficient."""
@@ -136,8 +135,15 @@ def _read(path: Path, asked: Asked, window: Window | None) -> FieldMap:
     if window is None:
         longitude = longitude[_RIM:-_RIM]
     values = disturbance(model.without_normal_field(), latitude, longitude, height)
-    grid = grid_in_memory(where, (latitude, longitude), values, "m/s²", "disturbance")
-    return replace(grid, height=height).load(asked, window)
+    return FileGrid(
+        where=where,
+        latitude=latitude,
+        longitude=longitude,
+        values=values,
+        unit="m/s²",
+        quantity="disturbance",
+        height=height,
+    ).load(asked, window)
 
 
 FORMAT = Format("gfc", lambda path: path.suffix.casefold() == ".gfc", _read)

@@ -70,26 +70,19 @@ def read_ggmplus(path: Path, asked: Asked, window: Window | None = None) -> Fiel
 
 def _extension(path: Path, there: set[str], variable: str | None, quantity: str | None) -> str:
     """Return which kind of tiles to read, of those that are there."""
-    if variable is not None and variable not in KINDS:
+    if variable is not None:
+        fitting = [variable] if variable in KINDS else []
+    else:
+        fitting = sorted(there) if quantity is None else list(KINDS)
+    fitting = [one for one in fitting if quantity in (None, KINDS[one].quantity)]
+    if len(fitting) != 1:
+        known = ", ".join(f"{one} ({kind.quantity})" for one, kind in KINDS.items())
+        asked = f"{variable or 'one variable'} of {quantity or 'any quantity'}"
         raise InputError(
-            f"{path}: GGMplus has no variable '{variable}'; it has {', '.join(KINDS)}"
+            f"{path}: cannot tell what is meant by {asked}; give variable= (--variable,"
+            f" map.variable) one of {known}; there are {', '.join(sorted(there)) or 'none'}"
         )
-    if variable is None:
-        fitting = [
-            extension
-            for extension in (sorted(there) if quantity is None else KINDS)
-            if quantity in (None, KINDS[extension].quantity)
-        ]
-        if len(fitting) != 1:
-            asked = f"a {quantity} map" if quantity else "the variable to use"
-            raise InputError(
-                f"{path}: cannot tell {asked}; give variable= (--variable, map.variable) one of"
-                f" {', '.join(sorted(there)) or ', '.join(KINDS)}"
-            )
-        variable = fitting[0]
-    if quantity is not None and quantity != KINDS[variable].quantity:
-        raise InputError(f"{path}: {variable} is {KINDS[variable].quantity}, not {quantity}")
-    return variable
+    return fitting[0]
 
 
 def _read_window(folder: Path, extension: str, window: Window) -> FieldMap:
