@@ -102,14 +102,11 @@ class _Rough:
             out[rows] = (weight * blocks.value[near]).sum(axis=1) / weight.sum(axis=1)
         return out
 
-    def at(self, places: Array, share: Array, without: Integers | None = None) -> Array:
-        """Return (P,) the factor of the variance, as `Amplitude.at` does."""
-        return self.of(self.roughness(places, without) / self.usual, share)
-
-    def of(self, ratio: Array, share: Array) -> Array:
-        """Return the factor where the roughness is a ratio to the usual one."""
+    def factor(self, roughness: Array, share: Array) -> Array:
+        """Return (P,) the factor of the variance where r² is known, and the share (P,) of the
+        field's variance that is left between readings."""
         log_share = np.log(np.maximum(share, _LEAST_SHARE))
-        log_factor = self.log_factor + self.power * np.log(self.least + ratio)
+        log_factor = self.log_factor + self.power * np.log(self.least + roughness / self.usual)
         return np.asarray(np.exp(np.clip(log_factor + self.share_power * log_share, -30.0, 30.0)))
 
 
@@ -208,29 +205,18 @@ class Amplitude:
         errors : Errors
         """
         local = _local_variance(places, value)
-        candidates = []
-        for width in (times * errors.length for times in _SMOOTHING):
-            rough = _Rough(_Blocks.of(places, local, part, 0.5 * width), width)
-            roughness = rough.roughness(errors.places, errors.part)
-            candidates.append((rough, roughness))
-        costs = [_validated(rough, roughness, errors) for rough, roughness in candidates]
-        rough, roughness = candidates[int(np.argmin(costs))]
+        widths = [times * errors.length for times in _SMOOTHING]
+        tried = [_Rough(_Blocks.of(places, local, part, 0.5 * one), one) for one in widths]
+        known = [(rough, rough.roughness(errors.places, errors.part)) for rough in tried]
+        rough, roughness = min(known, key=lambda one: _validated(*one, errors))
         return _by_others(_scaled, rough, roughness, errors)
 
     def at(self, places: Array, share: Array, without: Integers | None = None) -> Array:
         """Return (P,) the factor of the variance at places (P, 2+), where a share (P,) of the
         field's variance is left between readings; each as if the readings of some part (P,) had
         been left out."""
-        return self.rough.at(places, share, without) * self.smooth.at(places, without)
-
-    def describe(self) -> dict[str, float]:
-        """Return the parameters for a report."""
-        return {
-            "roughness_width_m": self.rough.width,
-            "roughness_power": self.rough.power,
-            "share_power": self.rough.share_power,
-            "smoothing_width_m": self.smooth.width if math.isfinite(self.smooth.count) else 0.0,
-        }
+        rough = self.rough.factor(self.rough.roughness(places, without), share)
+        return rough * self.smooth.at(places, without)
 
 
 def _by_others(
@@ -257,7 +243,7 @@ def _scaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
 
 def _unscaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
     fitted = _fitted_rough(rough, roughness, errors)
-    factor = fitted.of(roughness / fitted.usual, errors.share)
+    factor = fitted.factor(roughness, errors.share)
     ratio = errors.square / (errors.field * factor + errors.noise)
     return Amplitude(fitted, _fitted_smooth(errors.places, ratio, errors.part, errors.length))
 
@@ -268,7 +254,7 @@ def _validated(rough: _Rough, roughness: Array, errors: Errors) -> float:
     factor = np.ones(len(roughness))
     for out in folds(errors.part):
         fitted = _fitted_rough(rough, roughness[~out], errors[~out])
-        factor[out] = fitted.of(roughness[out] / fitted.usual, errors.share[out])
+        factor[out] = fitted.factor(roughness[out], errors.share[out])
     return errors.cost(factor)
 
 
@@ -304,14 +290,9 @@ def _fitted_rough(rough: _Rough, roughness: Array, errors: Errors) -> _Rough:
         method="L-BFGS-B",
         bounds=[(-10.0, 10.0), (0.0, 1.5), (-5.0, 3.0), (-0.7, 0.7)],
     )
-    log_factor, power, least, share_power = (float(one) for one in found.x)
-    return replace(
-        rough,
-        usual=usual,
-        log_factor=log_factor,
-        power=power,
-        least=math.exp(least),
-        share_power=share_power,
+    log_factor, power, least, share_power = found.x.tolist()
+    return _Rough(
+        rough.blocks, rough.width, usual, log_factor, power, math.exp(least), share_power
     )
 
 

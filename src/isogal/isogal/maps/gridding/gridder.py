@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -15,15 +14,14 @@ from isogal.maps.gridding.amplitude import Amplitude, Errors
 from isogal.maps.gridding.blunders import FAR, Named, named, spikes
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
-from isogal.maps.gridding.kriging import Kriging
+from isogal.maps.gridding.kriging import Kriging, in_groups
 from isogal.maps.gridding.learning import learn
-from isogal.maps.gridding.levelling import cross_overs, levelled, levelling_of
+from isogal.maps.gridding.levelling import cross_overs, levelled
 from isogal.maps.gridding.reduction import Trend, block_reduced
 from isogal.maps.gridding.spacing import gap_of, spacing_of
 from isogal.maps.gridding.strike import can_be_local, with_local_strike
 from isogal.maps.gridding.survey import Survey
 from isogal.maps.gridding.validation import LeftOut, far_off, leave_out
-from isogal.threads import available_cores
 
 METHODS = {"kriging": "matern", "equivalent-sources": "harmonic"}
 """Ways of gridding, and their covariances."""
@@ -39,12 +37,9 @@ _MOST_DEFAULT_NODES = 500_000
 _BLOCKS_IN_GAP = 16.0
 """Blocks between lines, where nobody says how large they are."""
 _FEWEST_LINES = 4  # that lines are left out of
+_LEVEL = 20.0  # m, 1-sigma of heights of readings that are taken to be on one level
 Progress = Callable[[str, int, int], None]
 """Called with the name of a step, how much of it is done, and of how much."""
-
-
-def _silent(step: str, done: int, most: int) -> None:
-    """Show nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +130,9 @@ class Model:
         return self.kriging.covariance
 
 
-def learn_model(survey: Survey, settings: GridSettings, progress: Progress = _silent) -> Model:
+def learn_model(
+    survey: Survey, settings: GridSettings, progress: Progress = lambda step, done, most: None
+) -> Model:
     """Learn covariance, amplitude and noise from a survey, and check them on readings left out.
     Readings that those around them contradict are set aside (`isogal.maps.gridding.blunders`).
 
@@ -204,7 +201,6 @@ def _learnt(
         "covariance": kriging.covariance.describe(),
         "left_out": {"by": by} | out.figures(),
         "far_off": far,
-        "amplitude": amplitude.describe(),
     }
     return Model(survey, trend, kriging, amplitude, gap, report), far
 
@@ -263,9 +259,8 @@ def _prepared(
         report["lines"] = int(np.unique(survey.line).size)
     if settings.level:
         crossings = cross_overs(survey)
-        levelling = levelling_of(survey, crossings)
-        survey = levelled(survey, levelling)
-        report["cross_overs"] = {"before": crossings.figures(), "after": levelling.figures()}
+        survey, left = levelled(survey, crossings)
+        report["cross_overs"] = {"before": crossings.figures(), "after": left}
     block = settings.block
     if block is None:
         block = 0.5 * settings.spacing if settings.spacing else gap / _BLOCKS_IN_GAP
@@ -280,7 +275,7 @@ def _shortest(covariance: Covariance) -> float:
 
 
 def grid_survey(
-    survey: Survey, settings: GridSettings, progress: Progress = _silent
+    survey: Survey, settings: GridSettings, progress: Progress = lambda step, done, most: None
 ) -> tuple[FieldMap, Model]:
     """Make a map of a survey.
 
@@ -298,10 +293,9 @@ def grid_survey(
     """
     model = learn_model(survey, settings, progress)
     latitude, longitude = _nodes(model, settings)
-    shape = (latitude.size, longitude.size)
-    nodes = np.meshgrid(latitude, longitude, indexing="ij")
-    places = model.places(nodes[0].ravel(), nodes[1].ravel(), settings.height)
-    at = _at_nodes(model, places, progress)
+    shape = latitude.size, longitude.size
+    nodes = (axis.ravel() for axis in np.meshgrid(latitude, longitude, indexing="ij"))
+    at = _at_nodes(model, model.places(*nodes, settings.height), progress)
     if not np.isfinite(at["value"]).any():
         raise InputError(
             f"{survey.where}: nowhere do the readings say more of the field than the noise that"
@@ -330,9 +324,8 @@ def grid_survey(
 def _at_nodes(model: Model, places: Array, progress: Progress) -> dict[str, Array]:
     """Return value, sigma and length (P,) and ellipse (P, 3) of the error at nodes (P, 3); NaN
     where nothing is known."""
-    count, done = len(places), 0
-    at = {name: np.full(count, np.nan) for name in ("value", "variance", "length")}
-    at["ellipse"] = np.full((count, 3), np.nan)
+    at = {name: np.full(len(places), np.nan) for name in ("value", "variance", "length")}
+    at["ellipse"] = np.full((len(places), 3), np.nan)
 
     def kriged(rows: Integers) -> dict[str, Array]:
         mean, covariance = model.kriging.together(places[rows])
@@ -344,13 +337,10 @@ def _at_nodes(model: Model, places: Array, progress: Progress) -> dict[str, Arra
             "ellipse": error_ellipses(places[rows], covariance, length),
         }
 
-    groups = list(model.kriging.groups(places))
-    with ThreadPoolExecutor(available_cores()) as pool:  # linear algebra leaves Python's lock
-        for rows, found in zip(groups, pool.map(kriged, groups), strict=True):
-            for name, values in found.items():
-                at[name][rows] = values
-            done += rows.size
-            progress("nodes", done, count)
+    groups = model.kriging.groups(places)
+    for rows, found in in_groups(kriged, groups, partial(progress, "nodes")):
+        for name, values in found.items():
+            at[name][rows] = values
     variance = at.pop("variance")
     unknown = variance > _UNKNOWN**2 * model.covariance.variance_at(places)
     at["value"] += model.trend.at(places)
@@ -370,7 +360,11 @@ def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
             f"{survey.where}: height {settings.height:g} m is below the lowest reading"
             f" ({survey.floor:.0f} m)"
         )
-    spacing = settings.spacing or _default_spacing(model)
+    spacing = settings.spacing
+    if spacing is None:  # what interpolation asks for, or more where that would be too many nodes
+        area = float(np.prod(np.ptp(survey.places[:, :2], axis=0)))
+        least = math.sqrt(area / _MOST_DEFAULT_NODES)
+        spacing = max(spacing_of(model.kriging, model.sigma, model.gap), least)
     model.report["spacing_m"] = spacing
     latitude = _axis(survey.latitude, spacing / plane.north)
     longitude = _axis(survey.longitude, spacing / plane.east)
@@ -381,13 +375,6 @@ def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
             f" {_MOST_NODES:,} are made; give a larger --spacing"
         )
     return latitude, longitude
-
-
-def _default_spacing(model: Model) -> float:
-    """Return what interpolation asks for (m), or more where that would be too many nodes."""
-    area = float(np.prod(np.ptp(model.survey.places[:, :2], axis=0)))
-    spacing = spacing_of(model.kriging, model.sigma, model.gap)
-    return max(spacing, math.sqrt(area / _MOST_DEFAULT_NODES))
 
 
 def _axis(readings: Array, step: float) -> Array:
@@ -401,8 +388,6 @@ def _axis(readings: Array, step: float) -> Array:
 def _level(model: Model, settings: GridSettings) -> float | None:
     """Return the height of the map, where it lies on one level."""
     height = model.survey.height
-    if height is not None and model.covariance.kind == "harmonic":
-        return model.default_height if settings.height is None else settings.height
-    if height is not None and float(np.std(height)) < 20.0:
-        return float(np.median(height))
-    return None
+    if height is None or (model.covariance.kind == "matern" and np.std(height) >= _LEVEL):
+        return None
+    return model.default_height if settings.height is None else settings.height

@@ -2,7 +2,6 @@
 blocks, and predicted from the others."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +10,9 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.groups import Groups
 from isogal.maps.gridding.blunders import FAR, Named, named
 from isogal.maps.gridding.covariance import Readings
-from isogal.maps.gridding.kriging import Kriging, groups
+from isogal.maps.gridding.kriging import Kriging, groups, in_groups
 from isogal.maps.gridding.survey import Survey, blocks_of
 from isogal.seeds import generator
-from isogal.threads import available_cores
 
 BLOCKS = 12
 """Parts that the blocks of a survey of stations are divided into."""
@@ -150,21 +148,18 @@ def leave_out(
         return next((found for one, found in by_fold if one[rows[0]]), kriging)
 
     chosen = np.flatnonzero(_sample(readings))
-    groups = [
+    together = (
         rows[group]
         for rows in (chosen[part[chosen] == name] for name in np.unique(part[chosen]))
         for group in kriging.groups(places[rows])
-    ]
+    )
+
+    def predicted(rows: Integers) -> tuple[Array, Array]:
+        return unlearnt(rows).at(places[rows], part == part[rows[0]])
+
     error, variance = np.full((2, len(part)), np.nan)
-    done = 0
-    with ThreadPoolExecutor(available_cores()) as pool:  # linear algebra leaves Python's lock
-        predicted = pool.map(
-            lambda rows: unlearnt(rows).at(places[rows], part == part[rows[0]]), groups
-        )
-        for rows, (mean, own) in zip(groups, predicted, strict=True):
-            error[rows], variance[rows] = readings.value[rows] - mean, own
-            done += rows.size
-            progress(done, chosen.size)
+    for rows, (mean, own) in in_groups(predicted, together, progress):
+        error[rows], variance[rows] = readings.value[rows] - mean, own
     rows = chosen
     noise = np.full(rows.size, kriging.covariance.unresolved)
     if readings.sigma is not None:
