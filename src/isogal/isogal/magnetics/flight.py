@@ -30,7 +30,6 @@ _COLUMNS = {
     "reference": Column(("reference",), unit=" nT", gaps=True),
 }
 _PLACES = ("latitude", "longitude")
-_NO_PLACES = "has no columns latitude and longitude"
 _CURRENT = "current_"
 
 
@@ -73,7 +72,7 @@ class MagneticFlight:
     def placed(self) -> tuple[Array, Array]:
         """The places; raises InputError where none are recorded."""
         if self.places is None:
-            raise InputError(f"{self.readings.where}: {_NO_PLACES}")
+            raise InputError(f"{self.readings.where}: has no columns latitude and longitude")
         return self.places
 
     @property
@@ -112,10 +111,9 @@ def read_magnetic_flight(path: str | Path, base: Path | None = None) -> Magnetic
     if base is not None:
         variation = read_base_station(base).variation(time, readings.where)
         readings = replace(readings, total=total - variation)
-    there = [name for name in _PLACES if name in columns]
-    if len(there) == 1:
-        raise InputError(f"{readings.where}: {_NO_PLACES}")
-    places = (np.radians(columns[_PLACES[0]]), np.radians(columns[_PLACES[1]])) if there else None
+    places = None
+    if set(_PLACES) <= columns.keys():
+        places = np.radians(columns[_PLACES[0]]), np.radians(columns[_PLACES[1]])
     return MagneticFlight(readings, places, columns.get("height"), columns.get("reference"))
 
 
