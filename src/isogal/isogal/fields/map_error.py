@@ -102,8 +102,12 @@ class TrueMapError:
 
     def at_scans(self, channels: tuple[int, ...] = ()) -> Array:
         """Return (R, scans, *channels) what `at` does at the scans."""
-        where = self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
-        return self.at(*where, channels)
+        return self.at(*self._places, channels)
+
+    @property
+    def _places(self) -> tuple[Array, Array]:
+        """(scans,) latitude and longitude of the scans, rad."""
+        return self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
 
     def between(self, error: Array) -> Array:
         """Return (R, K + 1) the error along the whole trajectory, given that at the scans (R,
@@ -162,8 +166,7 @@ class TrueMapError:
         components = self.truth.gradiometer.components
         if self.truth.map_error.sigma == 0.0:
             return np.zeros((len(self.runs), len(self.index), len(components)))
-        where = self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
-        return np.stack(self._by_waves(*where, components))
+        return np.stack(self._by_waves(*self._places, components))
 
     def of_datum(self, channels: tuple[int, ...] = ()) -> Array:
         """Return (R, scans, *channels) how far the true field is above the map by
@@ -174,8 +177,7 @@ class TrueMapError:
         settings, count = self.truth.map_error, len(self.index)
         if settings.offset == 0.0 and settings.tilt == 0.0:
             return np.zeros((len(self.runs), count, *channels))
-        where = self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
-        tilted = settings.tilt * _plane(self.trajectory, *where)
+        tilted = settings.tilt * _plane(self.trajectory, *self._places)
         plane = np.column_stack([np.full(count, settings.offset), tilted])
         # summed for each run by itself: its numbers must not depend on how many are computed
         drawn = self._normal("map_datum", 3, *channels)
