@@ -15,9 +15,8 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from isogal.arrays import Array, Integers
-from isogal.earth.frames import geodetic_to_ecef
 from isogal.earth.plane import Plane
-from isogal.maps.error_model import decay, tensor_covariance, wave_factors
+from isogal.maps.error_model import covariance, decay, tensor_covariance, wave_factors
 from isogal.matrices import square_root, symmetric
 from isogal.scenario import Truth
 from isogal.seeds import generator
@@ -63,9 +62,8 @@ def _kept(compute: Callable[[Array, Array, float], T]) -> Callable[[Array, Array
 @_kept
 def _correlation_root(latitude: Array, longitude: Array, length: float) -> Array:
     """Return (N, N) a square root of the correlation of the map's errors at places (N,), rad."""
-    points = geodetic_to_ecef(latitude, longitude, 0.0)
-    distance = np.sqrt(np.maximum(((points[:, None, :] - points[None, :, :]) ** 2).sum(-1), 0.0))
-    return np.asarray(np.linalg.cholesky(decay(distance, length) + 1e-12 * np.eye(len(points))))
+    correlation = covariance(latitude, longitude, np.ones(latitude.size), length)
+    return np.asarray(np.linalg.cholesky(correlation + 1e-12 * np.eye(latitude.size)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,15 +213,15 @@ def _horizontal_given(scans: Array, stations: Array, length: float) -> tuple[Arr
     covariance, sigma = 1; places (N, 2) m in a plane."""
     down, sideways = np.zeros(len(scans), int), np.tile([1, 2], len(stations))
 
-    def covariance(first: Integers, second: Integers, a: Array, b: Array) -> Array:
+    def between(first: Integers, second: Integers, a: Array, b: Array) -> Array:
         apart = b[None] - a[:, None]
         return tensor_covariance(("dd", "nd", "ed"), first, apart, length, second)
 
     twice = np.repeat(stations, 2, axis=0)
-    known = covariance(down, down, scans, scans)
-    cross = covariance(down, sideways, scans, twice)
+    known = between(down, down, scans, scans)
+    cross = between(down, sideways, scans, twice)
     gain = np.linalg.solve(known + _JITTER * np.eye(len(scans)), cross)
-    rest = symmetric(covariance(sideways, sideways, twice, twice) - cross.T @ gain)
+    rest = symmetric(between(sideways, sideways, twice, twice) - cross.T @ gain)
     try:
         root = np.linalg.cholesky(rest + _JITTER * np.eye(len(twice)))
     except np.linalg.LinAlgError:  # places that are passed again leave nothing to draw

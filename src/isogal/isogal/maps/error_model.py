@@ -42,6 +42,7 @@ from numpy.typing import NDArray
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import geodetic_to_ecef
 
 Complex = NDArray[np.complex128]
 _ORDERS: Final = 5
@@ -90,8 +91,8 @@ def covariance(latitude: Array, longitude: Array, sigma: Array, length: float) -
     length : float
         Their correlation length, m.
     """
-    apart = displacements(latitude, longitude)
-    distance = np.hypot(apart[..., 0], apart[..., 1])
+    places = geodetic_to_ecef(latitude, longitude, 0.0)
+    distance = np.sqrt(((places[:, None] - places) ** 2).sum(axis=-1))
     return np.asarray(np.outer(sigma, sigma) * decay(distance, length))
 
 

@@ -208,7 +208,7 @@ class Amplitude:
         widths = [times * errors.length for times in _SMOOTHING]
         tried = [_Rough(_Blocks.of(places, local, part, 0.5 * one), one) for one in widths]
         known = [(rough, rough.roughness(errors.places, errors.part)) for rough in tried]
-        rough, roughness = min(known, key=lambda one: _validated(*one, errors))
+        rough, roughness = min(known, key=lambda one: _validated(one[0], one[1], errors))
         return _by_others(_scaled, rough, roughness, errors)
 
     def at(self, places: Array, share: Array, without: Integers | None = None) -> Array:

@@ -294,8 +294,9 @@ def grid_survey(
     model = learn_model(survey, settings, progress)
     latitude, longitude = _nodes(model, settings)
     shape = latitude.size, longitude.size
-    nodes = (axis.ravel() for axis in np.meshgrid(latitude, longitude, indexing="ij"))
-    at = _at_nodes(model, model.places(*nodes, settings.height), progress)
+    nodes = np.meshgrid(latitude, longitude, indexing="ij")
+    places = model.places(nodes[0].ravel(), nodes[1].ravel(), settings.height)
+    at = _at_nodes(model, places, progress)
     if not np.isfinite(at["value"]).any():
         raise InputError(
             f"{survey.where}: nowhere do the readings say more of the field than the noise that"
