@@ -58,7 +58,7 @@ def test_missing_and_unknown_files(tmp_path):
         ("map.docx", {"format_name": "nix"}, "unknown map format 'nix'"),
     ):
         assert words in refused(tmp_path / name, **asked)
-    with refusal("map.path: must name"):
+    with refusal("map.source: must be"):
         map_for_scenario(load_scenario(overrides=["map.source=netcdf"]))
 
 

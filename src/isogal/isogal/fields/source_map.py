@@ -182,16 +182,12 @@ class MapSource:
 
     def _named(self, window: Window) -> FieldMap:
         source, path, variable = self.settings.source, self.settings.path, self.settings.variable
-        named = source in plugins.names(plugins.MAP_FORMATS)
-        if named and path is None:
+        formats = plugins.names(plugins.MAP_FORMATS)
+        named = source in formats
+        if named == (path is None):
             raise InputError(
-                "map.path: must name the file or folder, since map.source is the format"
-                f" '{source}'"
-            )
-        if not named and path is not None:
-            raise InputError(
-                "map.source: must be 'synthetic' or a format"
-                f" ({', '.join(plugins.names(plugins.MAP_FORMATS))}) where map.path is given"
+                "map.source: must be 'synthetic' or a file, or a format"
+                f" ({', '.join(formats)}) with the file as map.path"
             )
         return load_map(
             source if path is None else path,
