@@ -20,6 +20,7 @@ from isogal.maps.ggmplus.tiles import (
     cells_of,
     extent_of,
     map_of_cells,
+    overlap,
     places_of,
     tile_name,
 )
@@ -112,11 +113,9 @@ def _read_tile(path: Path, kind: Kind, place: tuple[int, int], values: Array) ->
             f"{path}: has {size} bytes, a GGMplus {path.suffix[1:]} tile has {expected}; cut"
             " short?"
         )
-    top, left = place
-    there = values[max(top, 0) : top + CELLS, max(left, 0) : left + CELLS]
     with reading(path):  # mapped: only what is looked at takes memory
         tile = np.memmap(path, dtype, "r", shape=(CELLS, CELLS)).T
-    raw = tile[max(-top, 0) :, max(-left, 0) :][: there.shape[0], : there.shape[1]]
+    there, raw = overlap(values, tile, place)
     np.multiply(raw, kind.step, out=there)
     there[raw == kind.no_data] = np.nan
     found = value_range(there)

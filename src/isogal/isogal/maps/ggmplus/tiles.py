@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.maps.axes import MARGIN, TWO_PI, Window
@@ -79,6 +80,16 @@ def places_of(rows: range, columns: range, side: int) -> dict[Tile, list[tuple[i
             place = row * cells - rows.start, column * cells - columns.start
             places.setdefault(tile, []).append(place)
     return places
+
+
+def overlap(
+    values: Array, tile: NDArray[np.integer], place: tuple[int, int]
+) -> tuple[Array, NDArray[np.integer]]:
+    """Return the parts of values (n, m) and of a tile that are the same cells, as views; the first
+    cell of the tile belongs at row, column `place`."""
+    top, left = place
+    there = values[max(top, 0) : top + len(tile), max(left, 0) : left + tile.shape[1]]
+    return there, tile[max(-top, 0) :, max(-left, 0) :][: there.shape[0], : there.shape[1]]
 
 
 def map_of_cells(
