@@ -27,7 +27,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.groups import Groups
 from isogal.maps.gridding.survey import blocks_of
-from isogal.maps.gridding.validation import folds
+from isogal.maps.gridding.validation import LeftOut, folds
 
 _NEIGHBOURS = 16
 _NEAR_BLOCKS = 60
@@ -145,46 +145,6 @@ class _Smooth:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Errors:
-    """M readings that were left out, as the factor is learnt from them."""
-
-    places: Array
-    """(M, 2+) m."""
-    part: Integers
-    """(M,) of the survey that each was left out with."""
-    square: Array
-    """(M,) squared errors."""
-    field: Array
-    """(M,) variance expected of the field."""
-    noise: Array
-    """(M,) variance of the noise."""
-    share: Array
-    """(M,) of `field` in the field's own variance."""
-    length: float
-    """m, over which errors hold together."""
-
-    def __getitem__(self, rows: Booleans) -> "Errors":
-        names = ("places", "part", "square", "field", "noise", "share")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
-
-    def cost(self, factor: Array) -> float:
-        """Return minus the mean log-likelihood with a factor (M,) of the field's variance."""
-        variance = self.field * factor + self.noise
-        return 0.5 * float(np.mean(np.log(variance) + self.square / variance))
-
-    def scale(self, factor: Array) -> float:
-        """Return the logarithm of the number that a factor (M,) is to be multiplied by for the
-        mean squared normalised error to be 1."""
-        low, high = -10.0, 10.0
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            variance = self.field * factor * math.exp(middle) + self.noise
-            more = np.mean(self.square / variance) > 1.0
-            low, high = (middle, high) if more else (low, middle)
-        return low
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Amplitude:
     """Factor of the variance, place by place."""
 
@@ -192,21 +152,19 @@ class Amplitude:
     smooth: _Smooth
 
     @classmethod
-    def learnt(
-        cls, places: Array, value: Array, part: Integers, errors: Errors
-    ) -> tuple["Amplitude", Array]:
+    def learnt(cls, places: Array, value: Array, errors: LeftOut) -> tuple["Amplitude", Array]:
         """Learn the factor; return also that of each error (M,) as it is learnt without the lines
         (or blocks) of a set that the error is of.
 
         Parameters
         ----------
-        places, value, part : (N, 2+) m, (N,), (N,)
-            Of all readings; the part of the survey that each was left out with.
-        errors : Errors
+        places, value : (N, 2+) m, (N,)
+            Of all readings.
+        errors : LeftOut
         """
         local = _local_variance(places, value)
         widths = [times * errors.length for times in _SMOOTHING]
-        tried = [_Rough(_Blocks.of(places, local, part, 0.5 * one), one) for one in widths]
+        tried = [_Rough(_Blocks.of(places, local, errors.parts, 0.5 * one), one) for one in widths]
         known = [(rough, rough.roughness(errors.places, errors.part)) for rough in tried]
         rough, roughness = min(known, key=lambda one: _validated(one[0], one[1], errors))
         return _by_others(_scaled, rough, roughness, errors)
@@ -220,10 +178,10 @@ class Amplitude:
 
 
 def _by_others(
-    learnt: Callable[[_Rough, Array, Errors], Amplitude],
+    learnt: Callable[[_Rough, Array, LeftOut], Amplitude],
     rough: _Rough,
     roughness: Array,
-    errors: Errors,
+    errors: LeftOut,
 ) -> tuple[Amplitude, Array]:
     """Return the factor learnt from errors whose roughness (M,) is known, and that of each (M,) as
     it is learnt from the other sets of lines (or blocks)."""
@@ -235,20 +193,20 @@ def _by_others(
     return amplitude, apart
 
 
-def _scaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
+def _scaled(rough: _Rough, roughness: Array, errors: LeftOut) -> Amplitude:
     amplitude, apart = _by_others(_unscaled, rough, roughness, errors)
     log_factor = amplitude.rough.log_factor + errors.scale(apart)
     return replace(amplitude, rough=replace(amplitude.rough, log_factor=log_factor))
 
 
-def _unscaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
+def _unscaled(rough: _Rough, roughness: Array, errors: LeftOut) -> Amplitude:
     fitted = _fitted_rough(rough, roughness, errors)
     factor = fitted.factor(roughness, errors.share)
-    ratio = errors.square / (errors.field * factor + errors.noise)
+    ratio = errors.scaled(factor).ratio
     return Amplitude(fitted, _fitted_smooth(errors.places, ratio, errors.part, errors.length))
 
 
-def _validated(rough: _Rough, roughness: Array, errors: Errors) -> float:
+def _validated(rough: _Rough, roughness: Array, errors: LeftOut) -> float:
     """Return minus the mean log-likelihood of errors, each set of parts by what is learnt from
     the others."""
     factor = np.ones(len(roughness))
@@ -258,7 +216,7 @@ def _validated(rough: _Rough, roughness: Array, errors: Errors) -> float:
     return errors.cost(factor)
 
 
-def _fitted_rough(rough: _Rough, roughness: Array, errors: Errors) -> _Rough:
+def _fitted_rough(rough: _Rough, roughness: Array, errors: LeftOut) -> _Rough:
     """Return the most likely factor with one smoothing, whose roughness (M,) is known."""
     from scipy.optimize import minimize
 
@@ -276,8 +234,8 @@ def _fitted_rough(rough: _Rough, roughness: Array, errors: Errors) -> _Rough:
         factor = np.exp(np.clip(p[0] + p[1] * log_rough + p[3] * log_share, -30.0, 30.0))
         own = errors.field * factor
         variance = own + errors.noise
-        total = 0.5 * float(np.mean(np.log(variance) + errors.square / variance))
-        slope = 0.5 * (1.0 - errors.square / variance) * own / variance
+        total = 0.5 * float(np.mean(np.log(variance) + errors.error**2 / variance))
+        slope = 0.5 * (1.0 - errors.error**2 / variance) * own / variance
         by = (1.0, log_rough, p[1] * least / (least + ratio), log_share)
         slopes = np.array([float(np.mean(slope * one)) for one in by])
         off = (p - middle) / width

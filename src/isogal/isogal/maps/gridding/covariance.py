@@ -88,6 +88,12 @@ class Covariance:
         return sum(s**2 for s in self.sigma)
 
     @property
+    def shortest(self) -> float:
+        """Distance (m) that matters across the strike."""
+        across = min(self.length) / math.sqrt(max(self.ratio, 1.0 / self.ratio))
+        return across if self.kind == "matern" else 2.0 * across
+
+    @property
     def unresolved(self) -> float:
         """Variance of what one reading has and the map does not, its known noise not included:
         what varies between neighbouring readings, and the offset of its line."""

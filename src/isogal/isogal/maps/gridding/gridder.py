@@ -10,7 +10,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.maps.gridding.amplitude import Amplitude, Errors
+from isogal.maps.gridding.amplitude import Amplitude
 from isogal.maps.gridding.blunders import FAR, Named, named, spikes
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
@@ -182,17 +182,7 @@ def _learnt(
     sure = LOCAL in found and found[LOCAL][1].surely_nearer(found["kriging"][1])
     method = min((one for one in off if sure or one != LOCAL), key=off.__getitem__)
     kriging, out = found[method]
-    share = (out.variance - out.noise) / kriging.covariance.variance_at(places[out.rows])
-    errors = Errors(
-        places[out.rows],
-        out.part[out.rows],
-        out.error**2,
-        out.variance - out.noise,
-        out.noise,
-        share,
-        _shortest(kriging.covariance),
-    )
-    amplitude, apart = Amplitude.learnt(places, value, out.part, errors)
+    amplitude, apart = Amplitude.learnt(places, value, out)
     out = out.scaled(apart)
     far = far_off(given, survey, out)
     report |= {
@@ -215,9 +205,8 @@ def _candidates(
     def tried(
         name: str, kriging: Kriging, without: Callable[[Booleans], Kriging] | None = None
     ) -> None:
-        side = 2.0 * _shortest(kriging.covariance)
         shown = partial(progress, f"left out: {name}")
-        found[name] = kriging, leave_out(kriging, by, side, shown, without)
+        found[name] = kriging, leave_out(kriging, by, shown, without)
 
     for method, kind in METHODS.items():
         if chosen not in (AUTO, method):
@@ -266,12 +255,6 @@ def _prepared(
         block = 0.5 * settings.spacing if settings.spacing else gap / _BLOCKS_IN_GAP
     survey = block_reduced(survey, block)
     return survey, report | {"blocks": len(survey)}
-
-
-def _shortest(covariance: Covariance) -> float:
-    """Return the distance (m) that matters across the strike."""
-    across = min(covariance.length) / math.sqrt(max(covariance.ratio, 1.0 / covariance.ratio))
-    return across if covariance.kind == "matern" else 2.0 * across
 
 
 def grid_survey(
