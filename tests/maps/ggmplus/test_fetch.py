@@ -12,17 +12,17 @@ from isogal.errors import InputError
 from isogal.maps.axes import Window
 from isogal.maps.cache import locked
 from isogal.maps.corridor import corridor_of
-from isogal.maps.ggmplus.fetch import REGISTRY, Patience, fetch_tiles, read_registry, tiles_for
+from isogal.maps.ggmplus.fetch import REGISTRY, fetch_tiles, read_registry, tiles_for
 
 CELLS = 100  # tiles of 20 kB instead of 12.5 MB
 NAME = "S40E145.dg"
 OFFLINE = r"cannot be reached .*; offline\?; gave up after 3 tries$"
-QUICK = Patience(timeout=0.4, tries=3, pause=0.01)
 
 
 @pytest.fixture
 def mirror(monkeypatch):
     monkeypatch.setattr("isogal.maps.ggmplus.fetch.CELLS", CELLS)
+    monkeypatch.setattr("isogal.maps.ggmplus.fetch._PAUSE", 0.01)
     rng = np.random.default_rng(7)
     with serving({name: rng.bytes(2 * CELLS * CELLS) for name in (NAME, "S40E140.dg")}) as server:
         yield server
@@ -33,7 +33,7 @@ def fetch(mirror, tmp_path):
     """Fetches tiles from the mirror, or another address."""
 
     def fetch(*names, url=mirror.url, **more):
-        return fetch_tiles(list(names or [NAME]), url, tmp_path, patience=QUICK, **more)
+        return fetch_tiles(list(names or [NAME]), url, tmp_path, timeout=0.4, tries=3, **more)
 
     return fetch
 

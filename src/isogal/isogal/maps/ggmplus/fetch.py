@@ -12,6 +12,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,8 @@ REGISTRY = "checksums.txt"
 _CHUNK = 1 << 16
 _ABSENT = (404, 410)
 """Statuses of HTTP that say that there is no such file."""
+_PAUSE = 1.0
+"""s before the second try; twice as long before each further one."""
 _AGAIN = (408, 425, 429, 500, 502, 503, 504)
 """Statuses after which another try may help."""
 Progress = Callable[[str, int, int], None]
@@ -35,18 +38,6 @@ Progress = Callable[[str, int, int], None]
 
 class _AbsentError(Exception):
     """The server says that there is no such file."""
-
-
-@dataclass(frozen=True)
-class Patience:
-    """How long to try."""
-
-    timeout: float = 30.0
-    """s without a byte after which a try is given up."""
-    tries: int = 5
-    """Tries in a row that bring nothing new."""
-    pause: float = 1.0
-    """s before the second try; twice as long before each further one."""
 
 
 @dataclass
@@ -80,7 +71,8 @@ def fetch_tiles(
     base_url: str,
     folder: str | Path,
     *,
-    patience: Patience | None = None,
+    timeout: float = 30.0,
+    tries: int = 5,
     progress: Progress = lambda name, done, total: None,
 ) -> Fetched:
     """Fetch tiles that are not there yet.
@@ -93,8 +85,10 @@ def fetch_tiles(
         Folder on the server that holds the folders ``ga``, ``dg``, ...
     folder : path
         Made if it is not there.
-    patience : Patience, optional
-        How long to try.
+    timeout : float
+        s without a byte after which a try is given up.
+    tries : int
+        Tries in a row that bring nothing new.
     progress : callable, optional
         See `Progress`.
 
@@ -114,7 +108,10 @@ def fetch_tiles(
                 raise InputError(f"{folder}: another isogal map fetch is at work here")
             known = read_registry(folder / REGISTRY)
             for name in names:
-                _fetch(name, base_url, folder, known, result, patience or Patience(), progress)
+                url = f"{base_url}/{name.rpartition('.')[2]}/{name}"
+                shown = partial(progress, name)
+                fetched = partial(_download, url, timeout=timeout, tries=tries, progress=shown)
+                _fetch(name, url, folder, known, result, fetched)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
     if names and not (result.downloaded or result.present):
@@ -127,23 +124,21 @@ def fetch_tiles(
 
 def _fetch(
     name: str,
-    base_url: str,
+    url: str,
     folder: Path,
     known: dict[str, str],
     result: Fetched,
-    patience: Patience,
-    progress: Progress,
+    download: Callable[[Path, int], None],
 ) -> None:
-    """Fetch one tile, and add what became of it to `result` and to the `known` checksums."""
-    extension = name.rpartition(".")[2]
-    size = CELLS * CELLS * np.dtype(KINDS[extension].dtype).itemsize
-    url = f"{base_url}/{extension}/{name}"
+    """Fetch one tile, by what downloads so many bytes into a file, and add what became of it to
+    `result` and to the `known` checksums."""
+    size = CELLS * CELLS * np.dtype(KINDS[name.rpartition(".")[2]].dtype).itemsize
     path, part, expected = folder / name, folder / f".{name}.part", known.get(name)
     if _size(path) == size and expected in (None, _sha256(path)):  # or not by this program
         result.present.append(name)
     else:
         try:
-            _download(url, part, size, patience, lambda done: progress(name, done, size))
+            download(part, size)
         except _AbsentError:
             result.absent.append(name)
             if expected is None:
@@ -177,20 +172,16 @@ def _sha256(path: Path) -> str:
 
 
 def _download(
-    url: str, part: Path, size: int, patience: Patience, progress: Callable[[int], None]
+    url: str,
+    part: Path,
+    size: int,
+    *,
+    timeout: float,
+    tries: int,
+    progress: Callable[[int, int], None],
 ) -> None:
-    """Fetch what is missing of a file.
-
-    Parameters
-    ----------
-    url : str
-    part : Path
-        Holds what has arrived; a later call goes on from there.
-    size : int
-        Bytes that the file must have.
-    patience : Patience
-    progress : callable
-        Called with the bytes that are there.
+    """Fetch what is missing of a file that must have so many bytes; what has arrived stays, and a
+    later call goes on from there.
 
     Raises
     ------
@@ -201,17 +192,17 @@ def _download(
     """
     fruitless, there = 0, _size(part)
     while there != size:
-        reason = _append(url, part, size, patience.timeout, progress)
+        reason = _append(url, part, size, timeout, progress)
         before, there = there, _size(part)
         fruitless = 0 if there > before else fruitless + 1
         if there != size:
-            if fruitless >= patience.tries:
-                raise InputError(f"{url}: {reason}; gave up after {patience.tries} tries")
-            time.sleep(patience.pause * 2.0 ** max(fruitless - 1, 0))
+            if fruitless >= tries:
+                raise InputError(f"{url}: {reason}; gave up after {tries} tries")
+            time.sleep(_PAUSE * 2.0 ** max(fruitless - 1, 0))
 
 
 def _append(
-    url: str, part: Path, size: int, timeout: float, progress: Callable[[int], None]
+    url: str, part: Path, size: int, timeout: float, progress: Callable[[int, int], None]
 ) -> str:
     """Try once to fetch what is missing; returns why something may still be."""
     there = _size(part) if _size(part) <= size else 0
@@ -232,7 +223,7 @@ def _append(
                     there += len(chunk)
                     whole = max(whole, there)
                     file.write(chunk)
-                    progress(min(there, size))
+                    progress(min(there, size), size)
         except urllib.error.HTTPError as error:
             if error.code in _ABSENT:
                 part.unlink()
