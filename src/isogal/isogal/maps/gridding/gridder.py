@@ -10,7 +10,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.maps.gridding.amplitude import Amplitude
+from isogal.maps.gridding.amplitude import Factor, learn_amplitude
 from isogal.maps.gridding.blunders import FAR, Named, named, spikes
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
@@ -88,7 +88,7 @@ class Model:
     """As gridded: levelled, in blocks."""
     trend: Trend
     kriging: Kriging
-    amplitude: Amplitude
+    amplitude: Factor
     gap: float
     """m between lines (`spacing.gap_of`)."""
     report: dict[str, object] = field(default_factory=dict)
@@ -108,7 +108,7 @@ class Model:
         readings, which may be the field as well as noise, and with offsets of lines. A reading's
         known sigma is not part of it."""
         share = variance / self.covariance.variance_at(places)
-        of_field = variance * self.amplitude.at(places, share)
+        of_field = variance * self.amplitude(places, share, None)
         return np.asarray(np.sqrt(of_field + self.covariance.unresolved))
 
     def places(
@@ -182,7 +182,7 @@ def _learnt(
     sure = LOCAL in found and found[LOCAL][1].surely_nearer(found["kriging"][1])
     method = min((one for one in off if sure or one != LOCAL), key=off.__getitem__)
     kriging, out = found[method]
-    amplitude, apart = Amplitude.learnt(places, value, out)
+    amplitude, apart = learn_amplitude(places, value, out)
     out = out.scaled(apart)
     far = far_off(given, survey, out)
     report |= {
