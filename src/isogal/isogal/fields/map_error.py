@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
@@ -160,7 +160,7 @@ class TrueMapError:
 
     def of_one_potential(self) -> Array:
         """Return (R, scans, C) the error of the components of the gradient at the scans, 1/s²:
-        one field for all components (`_Waves`)."""
+        one field for all components (`_by_waves`)."""
         components = self.truth.gradiometer.components
         if self.truth.map_error.sigma == 0.0:
             return np.zeros((len(self.runs), len(self.index), len(components)))
@@ -190,7 +190,7 @@ class TrueMapError:
         places = _plane(self.trajectory, latitude, longitude) / error.correlation_length
         for run in self.runs:
             random = generator(seed, run, "map_error_potential")
-            fields = [_Waves.drawn(random).at(places, components) for _ in range(channels)]
+            fields = [_by_waves(random, places, components) for _ in range(channels)]
             drawn.append(error.sigma * np.concatenate(fields, axis=1))
         return drawn
 
@@ -229,42 +229,30 @@ def _horizontal_given(scans: Array, stations: Array, length: float) -> tuple[Arr
     return np.asarray(gain), np.asarray(root)
 
 
-class _Waves(NamedTuple):
-    """One field of 1-sigma one and correlation length one: a sum of plane waves of random
-    direction and phase, whose wavenumbers are drawn from the spectrum (randomisation method:
-    Shinozuka 1971, J. Acoust. Soc. Am. 49:357), so that it is one field for all components on any
-    route, without a grid that limits its wavelengths. The wavenumbers are stratified: each of W
-    equal shares of the variance has one wave."""
+def _by_waves(random: np.random.Generator, places: Array, components: Sequence[str]) -> Array:
+    """Draw one field of 1-sigma one and correlation length one, and return (N, C) components
+    (`wave_factors`) of it at places (N, 2).
 
-    size: Array
-    """(W,) wavenumbers."""
-    direction: Array
-    """(W,) rad."""
-    amplitude: Array
-    """(2, W) of cosine and sine."""
-
-    @classmethod
-    def drawn(cls, random: np.random.Generator) -> "_Waves":
-        """Draw a field."""
-        share = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
-        # a share s of the variance has waves longer than k with 1 - 1 / sqrt(1 + k²) = s
-        size = np.sqrt(np.maximum((1.0 - share) ** -2.0 - 1.0, 0.0))
-        direction = 2.0 * np.pi * random.random(_WAVES)
-        return cls(size, direction, random.standard_normal((2, _WAVES)) / np.sqrt(_WAVES))
-
-    def at(self, places: Array, components: Sequence[str]) -> Array:
-        """Return (N, C) components (`wave_factors`) of the field at places (N, 2)."""
-        waves = self.size * np.stack([np.cos(self.direction), np.sin(self.direction)])
-        factor, (cosine, sine) = wave_factors(components, self.direction), self.amplitude
-        # real part of factor (a - i b) exp(i k x)
-        of_cosine = factor.real * cosine + factor.imag * sine
-        of_sine = factor.real * sine - factor.imag * cosine
-        total = np.empty((len(places), len(components)))
-        for begin in range(0, len(places), _CHUNK):
-            part = slice(begin, begin + _CHUNK)
-            phase = places[part] @ waves
-            total[part] = np.cos(phase) @ of_cosine.T + np.sin(phase) @ of_sine.T
-        return total
+    It is a sum of plane waves of random direction and phase, whose wavenumbers are drawn from the
+    spectrum (randomisation method: Shinozuka 1971, J. Acoust. Soc. Am. 49:357), so that it is one
+    field for all components on any route, without a grid that limits its wavelengths. The
+    wavenumbers are stratified: each of W equal shares of the variance has one wave."""
+    share = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
+    # a share s of the variance has waves longer than k with 1 - 1 / sqrt(1 + k²) = s
+    size = np.sqrt(np.maximum((1.0 - share) ** -2.0 - 1.0, 0.0))
+    direction = 2.0 * np.pi * random.random(_WAVES)
+    cosine, sine = random.standard_normal((2, _WAVES)) / np.sqrt(_WAVES)
+    waves = size * np.stack([np.cos(direction), np.sin(direction)])
+    factor = wave_factors(components, direction)
+    # real part of factor (a - i b) exp(i k x)
+    of_cosine = factor.real * cosine + factor.imag * sine
+    of_sine = factor.real * sine - factor.imag * cosine
+    total = np.empty((len(places), len(components)))
+    for begin in range(0, len(places), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        phase = places[part] @ waves
+        total[part] = np.cos(phase) @ of_cosine.T + np.sin(phase) @ of_sine.T
+    return total
 
 
 def _plane(trajectory: Trajectory, latitude: Array, longitude: Array) -> Array:

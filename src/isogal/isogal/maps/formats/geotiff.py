@@ -152,7 +152,9 @@ def _values(
     down = source.height - rows.stop, source.height - rows.start
     cut = Window.from_slices(down, (columns.start, columns.stop))
     raw = source.read(band, window=cut, masked=True)
-    values: Array = raw.data.astype(np.float64) * scale + offset
+    values: Array = raw.data.astype(np.float64)
+    values *= scale
+    values += offset
     values[np.ma.getmaskarray(raw) | ~np.isfinite(values)] = np.nan
     return values[::-1]
 

@@ -16,7 +16,7 @@ import numpy as np
 from isogal.arrays import Array, Values
 from isogal.errors import InputError
 from isogal.files import reading, unreadable
-from isogal.maps.axes import Read, check_size, regular_axis
+from isogal.maps.axes import Read, regular_axis
 from isogal.maps.error_ellipses import ELLIPSE_NAMES, ellipses_of
 from isogal.maps.formats.format import Asked, FileGrid, file_format
 from isogal.maps.quantities import quantity_of
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     Variable = AnyVariable[np.generic]
 
+_LONGEST_AXIS = 5_000_000
 _SAYS = {
     "latitude": (("lat", "latitude"), ("north", "_n", "degreen")),
     "longitude": (("lon", "long", "longitude"), ("east", "_e", "degreee")),
@@ -216,7 +217,8 @@ def _axes(dataset: "Dataset", data: "Variable", where: str) -> tuple[_Axis, _Axi
 
 def _axis(data: "Variable", where: str, turns: bool = False) -> _Axis:
     """Return an axis; `turns`: it may pass 180 deg and go on at -180 deg."""
-    check_size(data.size, where)
+    if data.size > _LONGEST_AXIS:
+        raise InputError(f"{where}: {data.name} has {data.size:,} nodes, which makes no sense")
     nodes = unpacked(data, data[:])
     units = (text_of(data, "units") or "").casefold()
     if units.startswith("deg") or (
@@ -270,7 +272,10 @@ def unpacked(
     those NaN; all becomes float64, for which kernels are compiled."""
     scale = float(getattr(data, "scale_factor", 1.0))
     offset = float(getattr(data, "add_offset", 0.0))
-    return np.ma.filled(raw.astype(np.float64), np.nan) * scale + offset
+    values: Array = np.ma.filled(raw.astype(np.float64), np.nan)
+    values *= scale  # in place: grids may be large
+    values += offset
+    return values
 
 
 def _sigma_of(dataset: "Dataset", data: "Variable", others: list[str]) -> str | None:

@@ -17,7 +17,7 @@ from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
 from isogal.maps.gridding.kriging import Kriging, in_groups
 from isogal.maps.gridding.learning import learn
 from isogal.maps.gridding.levelling import cross_overs, levelled
-from isogal.maps.gridding.reduction import Trend, block_reduced
+from isogal.maps.gridding.reduction import block_reduced, fitted_trend
 from isogal.maps.gridding.spacing import gap_of, spacing_of
 from isogal.maps.gridding.strike import can_be_local, with_local_strike
 from isogal.maps.gridding.survey import Survey
@@ -86,7 +86,8 @@ class Model:
 
     survey: Survey
     """As gridded: levelled, in blocks."""
-    trend: Trend
+    trend: Callable[[Array], Array]
+    """Of the field, at places."""
     kriging: Kriging
     amplitude: Factor
     gap: float
@@ -100,7 +101,7 @@ class Model:
         (equivalent sources only)."""
         places = self.places(latitude, longitude, height)
         mean, variance = self.kriging.at(places)
-        return mean + self.trend.at(places), self.sigma(places, variance)
+        return mean + self.trend(places), self.sigma(places, variance)
 
     def sigma(self, places: Array, variance: Array) -> Array:
         """Return the 1-sigma of what is read at places (P, 3) about the map, where the
@@ -171,8 +172,8 @@ def _learnt(
     gap = gap_of(survey)
     given, (survey, report) = survey, _prepared(survey, settings, gap)
     places = survey.places
-    trend = Trend.fitted(places, survey.value, settings.trend)
-    value = survey.value - trend.at(places)
+    trend = fitted_trend(places, survey.value, settings.trend)
+    value = survey.value - trend(places)
     readings = Readings(places, value, survey.sigma, survey.line)
     found = _candidates(readings, settings, by, gap, progress)
     # of the mean error, not of its RMS, which a few readings decide
@@ -327,7 +328,7 @@ def _at_nodes(model: Model, places: Array, progress: Progress) -> dict[str, Arra
             at[name][rows] = values
     variance = at.pop("variance")
     unknown = variance > _UNKNOWN**2 * model.covariance.variance_at(places)
-    at["value"] += model.trend.at(places)
+    at["value"] += model.trend(places)
     at["sigma"] = model.sigma(places, variance)
     for values in at.values():
         values[unknown] = np.nan
