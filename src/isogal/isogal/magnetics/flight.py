@@ -1,7 +1,6 @@
 """Flights with a scalar and a vector magnetometer in text files, and the files of base
 stations."""
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -143,10 +142,7 @@ def write_compensated(
     InputError
         The file cannot be written, or the flight has no positions.
     """
-    lines = ["time,latitude,longitude,value,total"]
-    for time, *place, value, own in zip(
-        flight.readings.time, *np.degrees(flight.placed), anomaly, total, strict=True
-    ):
-        cells = ["" if math.isnan(one) else f"{one:.3f}" for one in (value, own)]
-        lines.append(",".join([f"{time:.4f}", *(f"{one:.8f}" for one in place), *cells]))
-    write_atomic(path, "\n".join(lines) + "\n")
+    columns = flight.readings.time, *np.degrees(flight.placed), anomaly, total
+    form = "{:.4f},{:.8f},{:.8f},{:.3f},{:.3f}"
+    rows = (form.format(*row).replace("nan", "") for row in zip(*columns, strict=True))
+    write_atomic(path, "\n".join(["time,latitude,longitude,value,total", *rows, ""]))
