@@ -98,7 +98,8 @@ def read_magnetic_flight(path: str | Path, base: Path | None = None) -> Magnetic
         are refused by `Readings` or `BaseStation`.
     """
     rows = read_rows(path, ", ".join(_REQUIRED))
-    columns = rows.read(_COLUMNS, _REQUIRED)
+    placed = any(rows.index(_COLUMNS[name]) is not None for name in _PLACES)
+    columns = rows.read(_COLUMNS, (*_REQUIRED, *(_PLACES if placed else ())))
     currents = {
         name.removeprefix(_CURRENT): Column((name,), unit=" A", gaps=True)
         for name in rows.names
@@ -111,7 +112,7 @@ def read_magnetic_flight(path: str | Path, base: Path | None = None) -> Magnetic
         variation = read_base_station(base).variation(time, readings.where)
         readings = replace(readings, total=total - variation)
     places = None
-    if set(_PLACES) <= columns.keys():
+    if placed:
         places = np.radians(columns[_PLACES[0]]), np.radians(columns[_PLACES[1]])
     return MagneticFlight(readings, places, columns.get("height"), columns.get("reference"))
 
