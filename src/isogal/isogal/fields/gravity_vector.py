@@ -149,7 +149,10 @@ def sensed_gravity(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) ->
         return None
     place = trajectory.latitude, trajectory.longitude
     north, east = vector.horizontal.value(*place).T
-    sensed = np.stack([north, east, _disturbance_along(vector.disturbance, *place)], axis=-1)
+    down = vector.disturbance.value(*place)
+    if vector.disturbance.quantity != "disturbance":
+        down = down - normal_gravity(trajectory.latitude)
+    sensed = np.stack([north, east, down], axis=-1)
     if not np.isfinite(sensed).all():
         raise InputError(
             f"map {vector.disturbance.provenance}: its gravity vector does not cover the route"
@@ -168,8 +171,3 @@ def sensed_gravity(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) ->
         ends = sensed + np.stack(error, axis=-1)
         result[row] = 0.5 * (ends[1:] + ends[:-1])
     return result
-
-
-def _disturbance_along(field_map: ScalarMap, latitude: Array, longitude: Array) -> Array:
-    value = field_map.value(latitude, longitude)
-    return value if field_map.quantity == "disturbance" else value - normal_gravity(latitude)
