@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from isogal.arrays import Booleans
+from isogal.arrays import Array, Booleans, Values
 from isogal.earth.gravity import normal_gravity
 from isogal.errors import InputError
 from isogal.maps import spectral
@@ -95,27 +95,7 @@ def continued(
         normal = normal_gravity(field_map.latitude)[:, None]
         return replace(result, values=result.values + normal, quantity="gravity")
     where, rim = field_map.provenance or "map", rim_of(rise, cutoff)
-    needed = part_within(field_map.latitude, field_map.longitude, window, where)
-    wanted = np.zeros(field_map.shape, dtype=np.bool_)
-    for columns in needed.columns:
-        wanted[needed.rows, columns] = True
-    values = np.full(wanted.shape, np.nan, dtype=field_map.values.dtype)
-    sigma = np.zeros(wanted.shape) if np.ndim(field_map.sigma) else None
-    blocks: list[tuple[int, float, float | None]] = []
-    for inner, outer, within in _blocks(field_map, rim):
-        if not (wanted[inner].any() and np.isfinite(field_map.values[outer]).any()):
-            continue
-        part = field_map.part(*outer)
-        missing = ~np.isfinite(part.values)
-        kept = spectral.rim_distance(missing, part) > EDGE * abs(rise)
-        part = to_level(
-            _without_holes(part, missing), height, from_height, cutoff=cutoff, edge=0.0
-        )
-        values[inner] = np.where(kept, part.values, np.nan)[within]
-        if sigma is not None:
-            sigma[inner] = np.asarray(part.sigma)[within]
-        mean_square = float(np.nanmean(np.square(part.sigma)))
-        blocks.append((values[inner].size, mean_square, part.correlation_length))
+    values, sigma, blocks = _in_blocks(field_map, (height, from_height), cutoff, window)
     if not np.isfinite(values).any():
         raise InputError(
             f"{where}: nothing is left of the map {EDGE * abs(rise):g} m from its edges and holes"
@@ -127,6 +107,37 @@ def continued(
     mean_sigma = math.sqrt(sum(variance for variance, _ in errors))
     both = mean_sigma if sigma is None else np.hypot(sigma, beyond), mixed_length(errors)
     return at_level(field_map, values, both, height)
+
+
+def _in_blocks(
+    field_map: FieldMap,
+    levels: tuple[float, float],
+    cutoff: float | None,
+    window: Window | None,
+) -> tuple[Values, Array | None, list[tuple[int, float, float | None]]]:
+    """Return values (n, m), sigma (n, m; None = uniform), and cells, mean square of sigma and
+    correlation length of each block that touches a window."""
+    where, rise = field_map.provenance or "map", levels[0] - levels[1]
+    needed = part_within(field_map.latitude, field_map.longitude, window, where)
+    wanted = np.zeros(field_map.shape, dtype=np.bool_)
+    for columns in needed.columns:
+        wanted[needed.rows, columns] = True
+    values = np.full(wanted.shape, np.nan, dtype=field_map.values.dtype)
+    sigma = np.zeros(wanted.shape) if np.ndim(field_map.sigma) else None
+    blocks: list[tuple[int, float, float | None]] = []
+    for inner, outer, within in _blocks(field_map, rim_of(rise, cutoff)):
+        if not (wanted[inner].any() and np.isfinite(field_map.values[outer]).any()):
+            continue
+        part = field_map.part(*outer)
+        missing = ~np.isfinite(part.values)
+        kept = spectral.rim_distance(missing, part) > EDGE * abs(rise)
+        part = to_level(_without_holes(part, missing), *levels, cutoff=cutoff, edge=0.0)
+        values[inner] = np.where(kept, part.values, np.nan)[within]
+        if sigma is not None:
+            sigma[inner] = np.asarray(part.sigma)[within]
+        mean_square = float(np.nanmean(np.square(part.sigma)))
+        blocks.append((values[inner].size, mean_square, part.correlation_length))
+    return values, sigma, blocks
 
 
 def _shortest(field_map: FieldMap, depth: float) -> float:

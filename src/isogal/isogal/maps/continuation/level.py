@@ -90,28 +90,31 @@ def to_level(
     kept = spectral.inside(field_map, missing, EDGE * abs(rise) if edge is None else edge)
     values, offset = filled(field_map, missing)
     highest = math.inf if cutoff is None else 2.0 * math.pi / cutoff
-
-    def passed(wavenumber: Array) -> Array:
-        """Return the share of each wave that is kept."""
-        place = np.clip((wavenumber / highest - _KEPT) / (1.0 - _KEPT), 0.0, 1.0)
-        return np.asarray(0.5 + 0.5 * np.cos(math.pi * place))
-
-    def factor(wavenumber: Array) -> Array:
-        """Return that of the continuation."""
-        return np.asarray(np.exp(-rise * np.minimum(wavenumber, highest)) * passed(wavenumber))
-
+    passed, factor = _factors(rise, highest)
     operators: list[Operator] = [lambda waves: factor(waves.size)]
     if cutoff is not None:
         operators.append(lambda waves: 1.0 - passed(waves.size))
     result = spectral.transformed(field_map, values, operators, TAPER, antisymmetric=True)
-    left_out: tuple[float, float | None] = 0.0, None
+    left_out = 0.0
     if cutoff is not None:
-        rms = float(np.sqrt(np.mean(result[1:, kept] ** 2)))
-        left_out = math.exp(-rise * highest) * rms, cutoff / (2.0 * math.pi)
-    errors = _error(field_map, factor, left_out)
-    result[0] += offset
-    result[0][~kept] = np.nan
-    return at_level(field_map, result[0], errors, height)
+        left_out = math.exp(-rise * highest) * float(np.sqrt(np.mean(result[1, kept] ** 2)))
+    errors = _error(field_map, factor, left_out, 1.0 / highest)
+    values = np.where(kept, result[0] + offset, np.nan)
+    return at_level(field_map, values, errors, height)
+
+
+def _factors(rise: float, highest: float) -> tuple[Factor, Factor]:
+    """Return the share of each wave that is kept below a highest wavenumber (rad/m), and the
+    factor of the continuation."""
+
+    def passed(wavenumber: Array) -> Array:
+        place = np.clip((wavenumber / highest - _KEPT) / (1.0 - _KEPT), 0.0, 1.0)
+        return np.asarray(0.5 + 0.5 * np.cos(math.pi * place))
+
+    def factor(wavenumber: Array) -> Array:
+        return np.asarray(np.exp(-rise * np.minimum(wavenumber, highest)) * passed(wavenumber))
+
+    return passed, factor
 
 
 def _check_cutoff(field_map: FieldMap, rise: float, cutoff: float | None, where: str) -> None:
@@ -137,18 +140,18 @@ def _check_cutoff(field_map: FieldMap, rise: float, cutoff: float | None, where:
 
 
 def _error(
-    field_map: FieldMap, factor: Factor, left_out: tuple[float, float | None]
+    field_map: FieldMap, factor: Factor, left_out: float, length: float
 ) -> tuple[float | Array, float | None]:
     """Return sigma and correlation length (m) of the result, from the factor of the continuation,
-    and 1-sigma and length of the waves beyond the cut-off."""
+    and 1-sigma and length (m) of the waves beyond the cut-off."""
     spectrum = ErrorSpectrum.of_map(field_map)
     gain = spectrum.gain(factor)
     steps = spectrum.rounding * spectrum.white_gain(factor)
     parts = [
-        (left_out[0] ** 2, left_out[1]),
+        (left_out**2, length),
         ((spectrum.sigma * gain) ** 2 + steps**2, spectrum.length(factor)),
     ]
-    total = np.sqrt(np.square(field_map.sigma * gain) + steps**2 + left_out[0] ** 2)
+    total = np.sqrt(np.square(field_map.sigma * gain) + steps**2 + left_out**2)
     return total if np.ndim(total) else float(total), mixed_length(parts)
 
 

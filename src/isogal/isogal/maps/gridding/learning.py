@@ -44,11 +44,10 @@ def learn(
     from scipy.optimize import minimize
 
     places, line = readings.places, readings.line
-    spread = float(np.std(readings.value))
-    if not spread > 0.0:
+    if not (spread := readings.spread) > 0.0:
         raise InputError("the readings are all the same; there is no field to map")
-    samples = [readings.part(rows) for rows in _neighbourhoods(places)]
-    samples = [replace(one, value=one.value - one.value.mean()) for one in samples]
+    near = (readings.part(rows) for rows in _neighbourhoods(places))
+    samples = [replace(one, value=one.value - one.value.mean()) for one in near]
     extent = float(np.hypot(*np.ptp(places[:, :2], axis=0)))
     lined = line is not None and np.unique(line).size > 1
     part, noise = math.log(spread / math.sqrt(2.0)), math.log(0.05 * spread)
@@ -61,10 +60,9 @@ def learn(
 
     def cost(p: Array) -> tuple[float, Array]:
         covariance = _unpack(p, kind, lined)
-        expected = np.zeros(len(p))  # noise and offsets are about 3 %, within a factor e
-        small = slice(4, 6 if lined else 5)
-        expected[small] = p[small] - math.log(0.03 * spread)
-        total, slopes = 0.5 * float(expected @ expected), expected
+        slopes, small = np.zeros(len(p)), slice(4, 6 if lined else 5)
+        slopes[small] = p[small] - math.log(0.03 * spread)  # about 3 %, within a factor e
+        total = 0.5 * float(slopes @ slopes)
         for sample in samples:
             more, slope = misfit(covariance, 3.0 * spread, sample)
             total, slopes = total + more, slopes + slope

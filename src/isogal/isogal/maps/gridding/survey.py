@@ -10,7 +10,7 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.plane import Plane
 from isogal.errors import InputError
 from isogal.groups import Groups
-from isogal.maps.quantities import QUANTITIES, check_plausible, said
+from isogal.maps.quantities import QUANTITIES, check_plausible, said, value_range
 
 FEWEST = 30
 """Readings that a covariance can be learnt from."""
@@ -140,15 +140,13 @@ def survey_of(
     latitude, longitude, value = (columns[name] for name in ("latitude", "longitude", "value"))
     assert latitude is not None and longitude is not None and value is not None
     keep = np.isfinite(latitude) & np.isfinite(longitude) & np.isfinite(value)
-    if not keep.any():
-        raise InputError(f"{where}: has no reading at all (all missing)")
-    most = np.abs(latitude[keep]).max(), np.abs(longitude[keep]).max()
+    most = [float(np.abs(one[keep]).max(initial=0.0)) for one in (latitude, longitude)]
     if most[0] > 90.0 or most[1] > 360.0:
         raise InputError(
             f"{where}: coordinates reach {most[0]:.6g} and {most[1]:.6g}, which are no latitudes"
             " and longitudes (deg); are they swapped or projected (--crs)?"
         )
-    check_plausible((float(value[keep].min()), float(value[keep].max())), quantity, factor, where)
+    check_plausible(value_range(value[None, keep]), quantity, factor, where)
     others = {name: one[keep] for name in _OTHERS if (one := columns.get(name)) is not None}
     missing = {name: int((~np.isfinite(one)).sum()) for name, one in others.items()}
     whole = {name: one for name, one in others.items() if not missing[name]}
