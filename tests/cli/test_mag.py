@@ -139,7 +139,7 @@ def test_match_takes_both_magnetometers(tmp_path, coefficients):
         ({"vector_x": np.zeros(300), "vector_y": np.zeros(300)}, "no calibration manoeuvres"),
         ({"time": np.zeros(300)}, "times must increase"),
         ({"latitude": np.full(300, 95.0)}, "latitude in line 2"),
-        ({"longitude": None}, "no columns latitude and longitude"),
+        ({"longitude": None}, "no column 'longitude'"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path, columns, said):

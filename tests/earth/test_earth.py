@@ -76,20 +76,15 @@ heights = st.floats(-12e3, 4e7)
 
 
 @given(latitudes, longitudes, heights)
-def test_geodetic_ecef_and_back(latitude, longitude, height):
-    lat, lon, h = ecef_to_geodetic(geodetic_to_ecef(latitude, longitude, height))
+def test_geodetic_to_ecef_equals_proj_and_back(latitude, longitude, height):
+    ecef = geodetic_to_ecef(latitude, longitude, height)
+    expected = PROJ.transform(longitude, latitude, height, radians=True)
+    np.testing.assert_allclose(ecef, expected, rtol=0, atol=1e-7)
+    lat, lon, h = ecef_to_geodetic(ecef)
     assert lat == pytest.approx(latitude, abs=1e-14)
     assert h == pytest.approx(height, abs=1e-7)
     turn = np.remainder(lon - longitude + np.pi, 2 * np.pi) - np.pi
     assert abs(turn) * np.cos(latitude) < 1e-14
-
-
-@given(latitudes, longitudes, heights)
-def test_geodetic_to_ecef_equals_proj(latitude, longitude, height):
-    expected = PROJ.transform(longitude, latitude, height, radians=True)
-    np.testing.assert_allclose(
-        geodetic_to_ecef(latitude, longitude, height), expected, rtol=0, atol=1e-7
-    )
 
 
 def test_local_frame_points_where_it_says():

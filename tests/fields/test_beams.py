@@ -92,7 +92,7 @@ def test_what_cannot_be_simulated_is_refused(floor):
     for field_map, item, words in (
         (floor, "route.height=-320", "below the terrain"),
         (floor, "gravimeter.delay=5", "cannot be late"),
-        (sea_floor(half=1200.0), "altimeter.opening=150", "does not cover beam"),
+        (sea_floor(half=1200.0), "altimeter.opening=150", "does not cover all beams"),
     ):
         with refusal(words):
             readings_of(field_map, *FAN, item)

@@ -85,7 +85,7 @@ def none_left(*_, **__):
             "does not cover the route: no value",
         ),
         (["map.source=nowhere.nc"], "nowhere.nc: no such file or folder"),
-        (["map.source=synthetic", "map.variable=ga"], "gradient, which needs one of disturbance"),
+        (["map.source=synthetic", "map.variable=ga"], "is a gravity map, and one of dist"),
     ],
 )
 def test_refusals_are_one_line(disturbance, overrides, words, monkeypatch):

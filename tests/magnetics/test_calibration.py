@@ -120,12 +120,8 @@ def test_small_swings_are_taken_by_force_for_what_they_tell():
 
 
 def test_readings_in_another_unit_and_what_is_no_band_are_refused():
-    for total, vector, said in (
-        (5e-5, 5e4, "scalar"),
-        (5e4, 5e-5, "vector"),
-        (5e4, 2e4, "of the"),
-    ):
-        with pytest.raises(InputError, match=said):
+    for total, vector in ((5e-5, 5e-5), (5e4, 5e-5), (5e4, 2e4)):
+        with pytest.raises(InputError, match="are not the Earth's field in nT"):
             Readings(np.arange(5.0), np.full(5, total), np.outer(np.ones(5), [0, 0, vector]), "f")
     with pytest.raises(InputError, match="band"):
         Band(0.9, 0.1)

@@ -45,7 +45,7 @@ def test_there_and_back(tmp_path):
     [
         ("isogal_magnetic_compensation", 2, "version 2"),
         ("scale_nt", 1.0, "scale_nt"),
-        ("permanent", {"x": 1.0, "y": 2.0}, "permanent: must have x, y, z"),
+        ("permanent", {"x": 1.0, "y": 2.0}, "permanent"),
         ("induced", "much", "induced"),
         ("offset", float("nan"), "offset"),
         ("lag", True, "lag"),

@@ -49,4 +49,3 @@ def test_longitudes_and_distances_go_on_across_the_date_line():
     assert corridor.window.east > corridor.window.west
     distance = np.radians([0.0, 1.9, 2.1, 3.0]) * 6378137.0
     np.testing.assert_allclose(along_track(np.zeros(4), longitude), distance, rtol=1e-9)
-    assert corridor.length == pytest.approx(distance[-1])

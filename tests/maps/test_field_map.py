@@ -110,7 +110,7 @@ def test_an_error_that_is_said_of_no_node_is_not_said(unknown):
         ({"latitude": np.radians([0.0, 1.0, 2.5, 3.0, 4.0])}, "regularly spaced"),
         ({"latitude": np.radians([4.0, 3.0, 2.0, 1.0, 0.0])}, "increase"),
         ({"latitude": np.array([0.0, 1.0, 2.0, 3.0, 4.0])}, "-90 to 90"),
-        ({"latitude": np.radians([0.0, 1.0, np.nan, 3.0, 4.0])}, "missing coordinates"),
+        ({"latitude": np.radians([0.0, 1.0, np.nan, 3.0, 4.0])}, "node 2 is at nan deg"),
         ({"longitude": np.radians([0.0, 1.0, 2.0])}, "at least 4"),
         ({"longitude": np.linspace(0.0, 12.0, 6)}, "more than once"),
         ({"values": np.zeros((6, 5))}, "shape"),

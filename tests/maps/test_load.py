@@ -35,8 +35,8 @@ def test_variable_by_quantity_along_the_route(shared_data, quantity, more):
 @pytest.mark.parametrize(
     "overrides,words",
     [
-        (["map.variable=dg"], "is a disturbance map, but gravimeter.quantity is gravity"),
-        (["map.variable=nix"], "no variable 'nix'; it has dg, ga"),
+        (["map.variable=dg"], "is a disturbance map, and one of gravity is needed"),
+        (["map.variable=nix"], "has no grid 'nix'; it has dg (disturbance), ga"),
         (
             ["route.start=[-34.6,145]", "route.end=[-33,145]", "route.duration=null"],
             "does not cover the route: no value at -34.5",
@@ -58,7 +58,7 @@ def test_missing_and_unknown_files(tmp_path):
         ("map.docx", {"format_name": "nix"}, "unknown map format 'nix'"),
     ):
         assert words in refused(tmp_path / name, **asked)
-    with refusal("map.path: must name"):
+    with refusal("map.source: must be"):
         map_for_scenario(load_scenario(overrides=["map.source=netcdf"]))
 
 

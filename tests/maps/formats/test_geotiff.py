@@ -114,7 +114,7 @@ def test_what_the_file_does_not_say_is_asked_for(tmp_path):
 
 def test_bands(tmp_path):
     path = geotiff(tmp_path / "a.tif", MGAL, NORTH_UP, bands=2)
-    assert "has 2 bands" in refused(path)
+    assert "but 2 bands" in refused(path)
     assert "no band '3'" in refused(path, "3")
     check(path, 1e-7, "dg")
     check(path, 1e-7, "2", quantity="disturbance")
@@ -122,7 +122,7 @@ def test_bands(tmp_path):
 
 def test_refusals(tmp_path):
     swapped = geotiff(tmp_path / "a.tif", MGAL, from_origin(36.0, 144.0, STEP, STEP))
-    assert "axes swapped, or a proj" in refused(swapped)
+    assert "or swapped with longitude" in refused(swapped)
     odd = geotiff(tmp_path / "b.tif", MGAL, NORTH_UP, kind="complex64")
     assert "band 1 holds complex64, not numbers" in refused(odd)
     for content in (b"", b"PK\x03\x04" * 100, swapped.read_bytes()[:3000]):

@@ -103,7 +103,7 @@ def test_xyz_with_holes(tmp_path):
     [
         ("lon lat dg[mGal]\n1 nan 3\n1 2 3\n", "lat in line 2 is nan, not a finite number"),
         ("lon lat dg[mGal]\n500000 2 3\n500100 2 3\n", "is it a projected grid?"),
-        ("lon lat dg[mGal]\n1 2 3\n2 2 3\n3 2 3\n", "all points have the same latitude"),
+        ("lon lat dg[mGal]\n1 2 3\n2 2 3\n3 2 3\n", "latitude has 1 nodes; at least 4 are needed"),
         ("lon lat dg[mGal]\n1 2 3\n2 3 3\n", "latitude has 2 nodes; at least 4 are needed"),
         ("lon lat dg[mGal]\n" + ROWS + FIRST, "two points lie on the same node"),
         (

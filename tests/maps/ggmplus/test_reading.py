@@ -100,9 +100,9 @@ def test_refusals(tmp_path, folder):
         return refused(path, variable, format_name="ggmplus", **{"window": part} | more)
 
     assert "has none of the tiles needed: S40E140.ga" in said(folder, "ga")
-    assert "has no variable 'zz'" in said(folder, "zz")
-    assert "dg is disturbance, not gravity" in said(folder, "dg", quantity="gravity")
-    assert "cannot tell a height map" in said(folder, None, quantity="height")
+    assert "meant by zz of any quantity; give variable=" in said(folder, "zz")
+    assert "meant by dg of gravity; give variable=" in said(folder, "dg", quantity="gravity")
+    assert "meant by one variable of height" in said(folder, None, quantity="height")
     assert "unit cannot be given" in said(folder, "dg", unit="mGal")
     assert "no such folder" in said(tmp_path / "nix", "dg")
     assert "too many" in said(folder, "dg", window=window(-80.0, 80.0, -170.0, 170.0))

@@ -84,8 +84,12 @@ def test_records_without_a_place_are_left_out(tmp_path):
     "name,lines,words",
     [
         ("a.mgd77", ["4header"], "has no records of MGD77"),
-        ("a.mgd77", [record(0), record(1)[:80]], "line 2 is no record of MGD77: '5SHIP0001"),
-        ("a.mgd77", [record(0, kind="3")], "line 1 is a record of before 1998"),
+        (
+            "a.mgd77",
+            [record(0), record(1)[:80]],
+            "line 2 is no record of MGD77 since 1998: '5SHIP0001",
+        ),
+        ("a.mgd77", [record(0, kind="3")], "line 1 is no record of MGD77 since 1998"),
         ("a.mgd77", [record(0, place=False)], "has no records of MGD77"),
         ("a.m77t", [row(0), row(1)], "has no header of MGD77T"),
         ("a.m77t", [TABLE_HEAD, row(0), row(1)[:30]], "line 3 is no record of MGD77"),

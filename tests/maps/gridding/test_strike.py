@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from helpers.surveys import drawn, few_places, flight_lines, survey_at
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.gridder import LOCAL, GridSettings, learn_model
-from isogal.maps.gridding.strike import LocalStrike, with_local_strike
+from isogal.maps.gridding.strike import local_strike, with_local_strike
 
 __all__ = ["few_places"]
 
@@ -20,7 +20,7 @@ PARTS = (3.0, 2.0), (1500.0, 4000.0)
 def of_log(shape):
     """Strike of places all over a square of 20 km, (C, 2) elements of log S."""
     centre = np.random.default_rng(1).uniform(-1e4, 1e4, (len(shape), 2))
-    return LocalStrike(centre, np.asarray(shape), 2e3)
+    return local_strike(centre, np.asarray(shape), 2e3)
 
 
 @given(
@@ -59,7 +59,7 @@ def test_strikes_are_found(two_strikes):
         at = np.array(
             [[east + x, y, 0.0] for x in (-3e3, 0.0, 3e3) for y in 1e3 * np.arange(-8, 9)]
         )
-        nn, en, ee = found.at(at).T
+        nn, en, ee = found(at).T
         np.testing.assert_allclose(ee * nn - en**2, 1.0, rtol=1e-9)
         # of a few anomalies
         mean = 0.5 * np.degrees(np.arctan2(2.0 * en.mean(), (ee - nn).mean()))

@@ -9,14 +9,13 @@ import pytest
 
 from helpers.refusals import refusal
 from isogal.earth.gravity import normal_gravity
-from isogal.fields.scenario_map import map_for_scenario
 from isogal.maps.axes import Window
 from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import load_map
 from isogal.maps.synthetic import synthetic_map as module
 from isogal.maps.synthetic import tiles as synthetic
-from isogal.maps.synthetic.synthetic_map import synthetic_map, synthetic_map_along
+from isogal.maps.synthetic.synthetic_map import quantity_of, synthetic_map, synthetic_map_along
 from isogal.maps.synthetic.tiles import VERSION
 from isogal.maps.tiled_map import TiledMap
 from isogal.scenario import load_scenario
@@ -129,16 +128,6 @@ def test_the_default_route_is_like_the_real_terrain(shared_data, monkeypatch):
     assert gradient_rms(made) == pytest.approx(gradient_rms(real), rel=0.1)
 
 
-def test_scenarios_choose_it_by_quantity():
-    def chosen(*overrides):
-        route = "route.start=[-37.1, 144.7]", "route.end=[-36.9, 145.3]", "route.duration=600"
-        return map_for_scenario(load_scenario(overrides=[*route, *overrides]), margin=3000.0)
-
-    assert chosen("gravimeter.quantity=disturbance").quantity == "disturbance"
-    with refusal("ga and dg, not 'xi'"):
-        chosen("map.variable=xi")
-
-
 def test_limits():
     for quantity, where, words in (
         ("gravity", (88.99, 89.5, 0.0, 0.1), "89 deg"),
@@ -147,3 +136,6 @@ def test_limits():
     ):
         with refusal(words):
             synthetic_map(quantity, window(*where))
+    assert quantity_of("dg", "map.variable") == "disturbance"
+    with refusal("map.variable: the synthetic map has height, ga and dg, not 'xi'"):
+        quantity_of("xi", "map.variable")

@@ -14,7 +14,7 @@ import numpy as np
 from isogal.errors import InputError
 from isogal.files import reading
 from isogal.maps.axes import check_size
-from isogal.maps.formats.format import Asked, FileGrid, file_format, grid_in_memory
+from isogal.maps.formats.format import Asked, FileGrid, file_format
 from isogal.maps.formats.points import drop_gaps
 
 _KEYS = {
@@ -53,12 +53,12 @@ def open_esri_ascii(path: Path, asked: Asked) -> Iterator[FileGrid]:
             f"{where}: has {numbers.size} values, the header says {rows} x {columns}; cut short?"
         )
     south, west = (_first_node(header, where, axis, step) for axis in "yx")
-    axes = (
-        np.radians(south + step * np.arange(rows)),
-        np.radians(west + step * np.arange(columns)),
+    yield FileGrid(
+        where=where,
+        latitude=np.radians(south + step * np.arange(rows)),
+        longitude=np.radians(west + step * np.arange(columns)),
+        values=drop_gaps(numbers, header.get("nodata_value")).reshape(rows, columns)[::-1],
     )
-    values = drop_gaps(numbers, header.get("nodata_value")).reshape(rows, columns)[::-1]
-    yield grid_in_memory(where, axes, values, unit=None, quantity=None)
 
 
 def _header(lines: list[str], where: str) -> dict[str, float]:

@@ -10,7 +10,7 @@ from isogal.cli.options import text
 from isogal.errors import InputError
 
 if TYPE_CHECKING:
-    from isogal.fields.source_map import GivenMap
+    from isogal.fields.source_map import MapSource
     from isogal.maps.axes import Window
     from isogal.maps.corridor import Corridor
     from isogal.maps.field_map import FieldMap
@@ -88,16 +88,16 @@ class MapChoice(SourceOptions):
             return make_synthetic(self._synthetic_quantity(measured), window)
         return self._read(window)
 
-    def given(self, settings: "Settings", measured: str) -> "GivenMap":
+    def given(self, settings: "Settings", measured: str) -> "MapSource":
         """Return the map as the source of a scenario's, which is continued to the height of the
         flight as in its runs."""
-        from isogal.fields.source_map import GivenMap
+        from isogal.fields.source_map import MapSource
 
         named = {"source": self.source, "path": None, "variable": self.variable}
         if self.format_name is not None:
             named |= {"source": self.format_name, "path": self.source}
         read = partial(self.load, measured=measured)
-        return GivenMap(settings.map.model_copy(update=named), None, read=read)
+        return MapSource(settings.map.model_copy(update=named), None, read)
 
     def load_part(
         self, part: "Window | Corridor | None", measured: str = "gravity"

@@ -57,6 +57,4 @@ def metres_per_radian(latitude: ArrayLike, height: ArrayLike = 0.0) -> tuple[Arr
     """Return metres per radian of (latitude, longitude) at a latitude (rad) and ellipsoidal height
     (m)."""
     m, n = radii(latitude)
-    if isinstance(height, float) and height == 0.0:
-        return m, n * np.cos(latitude)
     return m + np.asarray(height), (n + np.asarray(height)) * np.cos(latitude)

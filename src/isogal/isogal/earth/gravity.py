@@ -50,13 +50,8 @@ def normal_gravity_gradient_north(latitude: ArrayLike) -> Array:
     lat = in_radians(latitude)
     s, c = np.sin(lat), np.cos(lat)
     w2 = 1.0 - E2 * s * s
-    derivative = (
-        GAMMA_EQUATOR
-        * s
-        * c
-        * (2.0 * SOMIGLIANA_K / np.sqrt(w2) + (1.0 + SOMIGLIANA_K * s * s) * E2 / w2**1.5)
-    )
-    return derivative / radii(lat)[0]
+    steeper = 2.0 * SOMIGLIANA_K / np.sqrt(w2) + (1.0 + SOMIGLIANA_K * s * s) * E2 / w2**1.5
+    return GAMMA_EQUATOR * s * c * steeper / radii(lat)[0]
 
 
 def normal_gradient(latitude: ArrayLike, height: ArrayLike = 0.0) -> Array:
@@ -88,11 +83,7 @@ def eotvos(latitude: ArrayLike, height: ArrayLike, v_north: ArrayLike, v_east: A
     transport-rate terms)."""
     lat = in_radians(latitude)
     m, n = radii(lat)
-    ve, vn, h = (
-        np.asarray(v_east, dtype=float),
-        np.asarray(v_north, dtype=float),
-        np.asarray(height, dtype=float),
-    )
+    ve, vn, h = (np.asarray(one, dtype=float) for one in (v_east, v_north, height))
     return 2.0 * EARTH_RATE * np.cos(lat) * ve + ve**2 / (n + h) + vn**2 / (m + h)
 
 

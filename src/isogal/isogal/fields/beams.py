@@ -15,8 +15,6 @@ from isogal.sensors.altimeter import beam_directions
 from isogal.sensors.noise import Noise
 from isogal.sensors.trajectory import Trajectory
 
-MOST = 5000
-"""Soundings of a run at most whose map errors are drawn together."""
 _ROUNDS, _CLOSE = 60, 1e-4
 """Steps along a beam at most until it meets the ground, and how closely (m)."""
 
@@ -70,7 +68,12 @@ class Footprints:
         for step in range(_ROUNDS):
             clearance = self._height - length * down - self._value(length) - higher
             if step == 0 and (clearance <= 0.0).any():
-                self._refuse(clearance)
+                s = int(np.argmin(clearance.min(axis=1)))
+                latitude, longitude = (np.degrees(axis[s, 0]) for axis in self._place)
+                raise InputError(
+                    f"route.height: the vehicle is {-float(clearance[s].min()):.0f} m below the"
+                    f" terrain at latitude {latitude:.4f}, longitude {longitude:.4f} deg"
+                )
             if np.abs(clearance).max() < _CLOSE:
                 return length
             if step:
@@ -89,21 +92,10 @@ class Footprints:
         latitude, longitude = self.places(length)
         value = self._map.value(latitude, longitude)
         if not np.isfinite(value).all():
-            s, b = np.unravel_index(int(np.argmin(np.isfinite(value))), value.shape)
             raise InputError(
-                f"map {self._map.provenance}: does not cover beam {b} of the altimeter at latitude"
-                f" {np.degrees(latitude[s, b]):.4f}, longitude {np.degrees(longitude[s, b]):.4f}"
-                " deg"
+                f"map {self._map.provenance}: does not cover all beams of the altimeter"
             )
         return value
-
-    def _refuse(self, clearance: Array) -> None:
-        s = int(np.argmin(clearance.min(axis=1)))
-        raise InputError(
-            f"route.height: the vehicle is {-float(clearance[s].min()):.0f} m below the terrain at"
-            f" latitude {np.degrees(self._place[0][s, 0]):.4f}, longitude"
-            f" {np.degrees(self._place[1][s, 0]):.4f} deg"
-        )
 
 
 def simulate_soundings(map_error: TrueMapError, field_map: RouteMap, common: Array) -> Array:
@@ -124,12 +116,6 @@ def simulate_soundings(map_error: TrueMapError, field_map: RouteMap, common: Arr
     foot = Footprints(truth.altimeter, trajectory, field_map, index)
     settings, steep = truth.gravimeter, foot.body[:, 2]
     uncertain = truth.map_error.sigma > 0.0
-    if uncertain and foot.range.size > MOST:
-        raise InputError(
-            f"map_error.sigma: {foot.range.size} soundings are too many to draw the map's error"
-            f" at; {MOST} are possible: fewer beams, a longer gravimeter.interval or a shorter"
-            " route"
-        )
     higher = map_error.at(*foot.places(foot.range))
     white = Noise("beam", settings.sigma, settings.outlier_fraction, settings.outlier_sigma)
     sensed = np.empty((len(runs), *foot.range.shape, 3))

@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-from isogal.errors import InputError
 from isogal.fields.measured import measured_field
 from isogal.fields.source_map import MapSource
 from isogal.maps.channels import ChannelMap
@@ -28,7 +27,6 @@ from isogal.maps.load import check_coverage
 from isogal.scenario import Settings, validate_scenario
 from isogal.sensors.trajectory import build_trajectory
 
-_REFUSED = 2
 SHARED = "ISOGAL_SHARED_MAPS"
 """Environment variable: the folder of `shared_maps`."""
 _SECTIONS = frozenset(
@@ -75,17 +73,13 @@ def derived_maps(settings: Settings, margin: float) -> ChannelMap:
             folder = Path(temporary) / "maps"
             folder.mkdir()
             try:
-                child = subprocess.run(
+                subprocess.run(
                     [sys.executable, "-m", __spec__.name, folder],
                     input=json.dumps({"scenario": content, "margin": margin}).encode(),
                     capture_output=True,
-                    check=False,
+                    check=True,
                 )
-            except OSError:  # no other process can be started
-                return compute(settings, margin)
-            if child.returncode == _REFUSED:
-                raise InputError(child.stdout.decode())
-            if child.returncode:
+            except (OSError, subprocess.SubprocessError):  # there is none, or it has failed
                 return compute(settings, margin)  # which raises here what went wrong there
             with contextlib.suppress(OSError):  # another process was first
                 folder.rename(kept)
@@ -125,15 +119,6 @@ def _write(folder: Path, maps: ChannelMap) -> None:
         (folder / f"{index:04d}.array").write_bytes(array.raw())
 
 
-def _main(folder: Path) -> int:
-    task = json.load(sys.stdin)
-    try:
-        _write(folder, compute(validate_scenario(task["scenario"]), task["margin"]))
-    except InputError as error:
-        sys.stdout.buffer.write(str(error).encode())
-        return _REFUSED
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(_main(Path(sys.argv[1])))
+    _task = json.load(sys.stdin)
+    _write(Path(sys.argv[1]), compute(validate_scenario(_task["scenario"]), _task["margin"]))

@@ -116,17 +116,14 @@ def _gravity_map(source: MapSource, corridor: Corridor) -> ScalarMap | None:
 def averaged(field_map: FieldMap, cell: float) -> FieldMap:
     """Return a map of means over blocks of nodes: of about the size of a cell (m), or larger, so
     that there are no more than `MOST` along an axis."""
-    size = field_map.cell_size_m(float(np.mean(field_map.latitude)))
+    shape = field_map.shape
     rows, columns = (
         max(1, round(cell / one), -(-count // MOST))
-        for one, count in zip(size, field_map.values.shape, strict=True)
+        for one, count in zip(field_map.cell, shape, strict=True)
     )
     if rows == columns == 1:
         return field_map
-    n, m = (
-        length // step
-        for length, step in zip(field_map.values.shape, (rows, columns), strict=True)
-    )
+    n, m = shape[0] // rows, shape[1] // columns
 
     def centres(axis: Array, step: int, count: int) -> Array:
         return np.asarray(axis[: step * count].reshape(count, step).mean(axis=1))
@@ -152,7 +149,10 @@ def sensed_gravity(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) ->
         return None
     place = trajectory.latitude, trajectory.longitude
     north, east = vector.horizontal.value(*place).T
-    sensed = np.stack([north, east, _disturbance_along(vector.disturbance, *place)], axis=-1)
+    down = vector.disturbance.value(*place)
+    if vector.disturbance.quantity != "disturbance":
+        down = down - normal_gravity(trajectory.latitude)
+    sensed = np.stack([north, east, down], axis=-1)
     if not np.isfinite(sensed).all():
         raise InputError(
             f"map {vector.disturbance.provenance}: its gravity vector does not cover the route"
@@ -171,8 +171,3 @@ def sensed_gravity(truth: Truth, trajectory: Trajectory, runs: Sequence[int]) ->
         ends = sensed + np.stack(error, axis=-1)
         result[row] = 0.5 * (ends[1:] + ends[:-1])
     return result
-
-
-def _disturbance_along(field_map: ScalarMap, latitude: Array, longitude: Array) -> Array:
-    value = field_map.value(latitude, longitude)
-    return value if field_map.quantity == "disturbance" else value - normal_gravity(latitude)

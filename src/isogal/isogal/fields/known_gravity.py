@@ -67,25 +67,21 @@ class KnownGravity:
     @property
     def residual_sigma(self) -> float:
         """1-sigma of what is left, m/s², of each component; 0 = nothing."""
-        return self._left[0]
+        return self._left(self.map_sigma)[0]
 
     @property
     def residual_length(self) -> float:
         """Its correlation length along the track, m."""
-        return self._left[1]
+        return self._left(self.map_sigma)[1]
 
     @property
     def most_left(self) -> float:
         """1-sigma of what a bad map leaves, m/s², of each component; as specified where it is."""
-        if self.residual is None:
-            return 0.0
-        return self.residual.given(max(self.map_sigma, WORST_MAP_SIGMA), self.map_length)[0]
+        return self._left(max(self.map_sigma, WORST_MAP_SIGMA))[0]
 
-    @property
-    def _left(self) -> tuple[float, float]:
-        if self.residual is None:
-            return 0.0, self.map_length
-        return self.residual.given(self.map_sigma, self.map_length)
+    def _left(self, map_sigma: float) -> tuple[float, float]:
+        given = self.residual and self.residual.given(map_sigma, self.map_length)
+        return given or (0.0, self.map_length)
 
 
 def known_gravity(assumed: Assumed, trajectory: Trajectory) -> KnownGravity:

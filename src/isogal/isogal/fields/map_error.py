@@ -9,15 +9,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from isogal.arrays import Array, Integers
-from isogal.earth.frames import geodetic_to_ecef
 from isogal.earth.plane import Plane
-from isogal.maps.error_model import decay, tensor_covariance, wave_factors
+from isogal.maps.error_model import covariance, decay, tensor_covariance, wave_factors
 from isogal.matrices import square_root, symmetric
 from isogal.scenario import Truth
 from isogal.seeds import generator
@@ -63,9 +62,8 @@ def _kept(compute: Callable[[Array, Array, float], T]) -> Callable[[Array, Array
 @_kept
 def _correlation_root(latitude: Array, longitude: Array, length: float) -> Array:
     """Return (N, N) a square root of the correlation of the map's errors at places (N,), rad."""
-    points = geodetic_to_ecef(latitude, longitude, 0.0)
-    distance = np.sqrt(np.maximum(((points[:, None, :] - points[None, :, :]) ** 2).sum(-1), 0.0))
-    return np.asarray(np.linalg.cholesky(decay(distance, length) + 1e-12 * np.eye(len(points))))
+    correlation = covariance(latitude, longitude, np.ones(latitude.size), length)
+    return np.asarray(np.linalg.cholesky(correlation + 1e-12 * np.eye(latitude.size)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +100,12 @@ class TrueMapError:
 
     def at_scans(self, channels: tuple[int, ...] = ()) -> Array:
         """Return (R, scans, *channels) what `at` does at the scans."""
-        where = self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
-        return self.at(*where, channels)
+        return self.at(*self._places, channels)
+
+    @property
+    def _places(self) -> tuple[Array, Array]:
+        """(scans,) latitude and longitude of the scans, rad."""
+        return self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
 
     def between(self, error: Array) -> Array:
         """Return (R, K + 1) the error along the whole trajectory, given that at the scans (R,
@@ -158,12 +160,11 @@ class TrueMapError:
 
     def of_one_potential(self) -> Array:
         """Return (R, scans, C) the error of the components of the gradient at the scans, 1/s²:
-        one field for all components (`_Waves`)."""
+        one field for all components (`_by_waves`)."""
         components = self.truth.gradiometer.components
         if self.truth.map_error.sigma == 0.0:
             return np.zeros((len(self.runs), len(self.index), len(components)))
-        where = self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
-        return np.stack(self._by_waves(*where, components))
+        return np.stack(self._by_waves(*self._places, components))
 
     def of_datum(self, channels: tuple[int, ...] = ()) -> Array:
         """Return (R, scans, *channels) how far the true field is above the map by
@@ -174,8 +175,7 @@ class TrueMapError:
         settings, count = self.truth.map_error, len(self.index)
         if settings.offset == 0.0 and settings.tilt == 0.0:
             return np.zeros((len(self.runs), count, *channels))
-        where = self.trajectory.latitude[self.index], self.trajectory.longitude[self.index]
-        tilted = settings.tilt * _plane(self.trajectory, *where)
+        tilted = settings.tilt * _plane(self.trajectory, *self._places)
         plane = np.column_stack([np.full(count, settings.offset), tilted])
         # summed for each run by itself: its numbers must not depend on how many are computed
         drawn = self._normal("map_datum", 3, *channels)
@@ -190,7 +190,7 @@ class TrueMapError:
         places = _plane(self.trajectory, latitude, longitude) / error.correlation_length
         for run in self.runs:
             random = generator(seed, run, "map_error_potential")
-            fields = [_Waves.drawn(random).at(places, components) for _ in range(channels)]
+            fields = [_by_waves(random, places, components) for _ in range(channels)]
             drawn.append(error.sigma * np.concatenate(fields, axis=1))
         return drawn
 
@@ -213,15 +213,15 @@ def _horizontal_given(scans: Array, stations: Array, length: float) -> tuple[Arr
     covariance, sigma = 1; places (N, 2) m in a plane."""
     down, sideways = np.zeros(len(scans), int), np.tile([1, 2], len(stations))
 
-    def covariance(first: Integers, second: Integers, a: Array, b: Array) -> Array:
+    def between(first: Integers, second: Integers, a: Array, b: Array) -> Array:
         apart = b[None] - a[:, None]
         return tensor_covariance(("dd", "nd", "ed"), first, apart, length, second)
 
     twice = np.repeat(stations, 2, axis=0)
-    known = covariance(down, down, scans, scans)
-    cross = covariance(down, sideways, scans, twice)
+    known = between(down, down, scans, scans)
+    cross = between(down, sideways, scans, twice)
     gain = np.linalg.solve(known + _JITTER * np.eye(len(scans)), cross)
-    rest = symmetric(covariance(sideways, sideways, twice, twice) - cross.T @ gain)
+    rest = symmetric(between(sideways, sideways, twice, twice) - cross.T @ gain)
     try:
         root = np.linalg.cholesky(rest + _JITTER * np.eye(len(twice)))
     except np.linalg.LinAlgError:  # places that are passed again leave nothing to draw
@@ -229,42 +229,30 @@ def _horizontal_given(scans: Array, stations: Array, length: float) -> tuple[Arr
     return np.asarray(gain), np.asarray(root)
 
 
-class _Waves(NamedTuple):
-    """One field of 1-sigma one and correlation length one: a sum of plane waves of random
-    direction and phase, whose wavenumbers are drawn from the spectrum (randomisation method:
-    Shinozuka 1971, J. Acoust. Soc. Am. 49:357), so that it is one field for all components on any
-    route, without a grid that limits its wavelengths. The wavenumbers are stratified: each of W
-    equal shares of the variance has one wave."""
+def _by_waves(random: np.random.Generator, places: Array, components: Sequence[str]) -> Array:
+    """Draw one field of 1-sigma one and correlation length one, and return (N, C) components
+    (`wave_factors`) of it at places (N, 2).
 
-    size: Array
-    """(W,) wavenumbers."""
-    direction: Array
-    """(W,) rad."""
-    amplitude: Array
-    """(2, W) of cosine and sine."""
-
-    @classmethod
-    def drawn(cls, random: np.random.Generator) -> "_Waves":
-        """Draw a field."""
-        share = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
-        # a share s of the variance has waves longer than k with 1 - 1 / sqrt(1 + k²) = s
-        size = np.sqrt(np.maximum((1.0 - share) ** -2.0 - 1.0, 0.0))
-        direction = 2.0 * np.pi * random.random(_WAVES)
-        return cls(size, direction, random.standard_normal((2, _WAVES)) / np.sqrt(_WAVES))
-
-    def at(self, places: Array, components: Sequence[str]) -> Array:
-        """Return (N, C) components (`wave_factors`) of the field at places (N, 2)."""
-        waves = self.size * np.stack([np.cos(self.direction), np.sin(self.direction)])
-        factor, (cosine, sine) = wave_factors(components, self.direction), self.amplitude
-        # real part of factor (a - i b) exp(i k x)
-        of_cosine = factor.real * cosine + factor.imag * sine
-        of_sine = factor.real * sine - factor.imag * cosine
-        total = np.empty((len(places), len(components)))
-        for begin in range(0, len(places), _CHUNK):
-            part = slice(begin, begin + _CHUNK)
-            phase = places[part] @ waves
-            total[part] = np.cos(phase) @ of_cosine.T + np.sin(phase) @ of_sine.T
-        return total
+    It is a sum of plane waves of random direction and phase, whose wavenumbers are drawn from the
+    spectrum (randomisation method: Shinozuka 1971, J. Acoust. Soc. Am. 49:357), so that it is one
+    field for all components on any route, without a grid that limits its wavelengths. The
+    wavenumbers are stratified: each of W equal shares of the variance has one wave."""
+    share = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
+    # a share s of the variance has waves longer than k with 1 - 1 / sqrt(1 + k²) = s
+    size = np.sqrt(np.maximum((1.0 - share) ** -2.0 - 1.0, 0.0))
+    direction = 2.0 * np.pi * random.random(_WAVES)
+    cosine, sine = random.standard_normal((2, _WAVES)) / np.sqrt(_WAVES)
+    waves = size * np.stack([np.cos(direction), np.sin(direction)])
+    factor = wave_factors(components, direction)
+    # real part of factor (a - i b) exp(i k x)
+    of_cosine = factor.real * cosine + factor.imag * sine
+    of_sine = factor.real * sine - factor.imag * cosine
+    total = np.empty((len(places), len(components)))
+    for begin in range(0, len(places), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        phase = places[part] @ waves
+        total[part] = np.cos(phase) @ of_cosine.T + np.sin(phase) @ of_sine.T
+    return total
 
 
 def _plane(trajectory: Trajectory, latitude: Array, longitude: Array) -> Array:

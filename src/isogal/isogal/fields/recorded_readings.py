@@ -17,7 +17,7 @@ from isogal.maps.quantities import QUANTITIES, check_plausible, unit_factor
 from isogal.scenario import Readings
 
 _ALIASES = {
-    "disturbance": ("gravity_anomaly", *QUANTITIES["gravity_anomaly"].names, "free_air"),
+    "disturbance": ("gravity_anomaly", *QUANTITIES["gravity_anomaly"].names.split(), "free_air"),
     "magnetic_anomaly": ("mag_res", "residual_field"),
     "height": ("depth",),
 }
@@ -100,7 +100,7 @@ def _read(
     rows = read_rows(readings.source, "time and a column of readings")
     if rows.line is not None and line in rows.line:
         rows = one_line(rows, line)
-    known = quantity, *QUANTITIES[quantity].names, *_ALIASES.get(quantity, ()), "value"
+    known = quantity, *QUANTITIES[quantity].names.split(), *_ALIASES.get(quantity, ()), "value"
     names = known if readings.column is None else (readings.column.casefold(),)
     column = Column(names, gaps=True)
     index = rows.index(column)

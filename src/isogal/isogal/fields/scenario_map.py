@@ -9,11 +9,10 @@ from isogal.fields.measured import measured_field
 from isogal.fields.source_map import MapSource
 from isogal.maps.axes import Window
 from isogal.maps.channels import RouteMap
-from isogal.maps.corridor import Corridor, corridor_of
+from isogal.maps.corridor import corridor_of
 from isogal.maps.field_map import FieldMap
 from isogal.maps.load import check_coverage
 from isogal.maps.several import FieldMaps, RunMap
-from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Assumed, Map, Settings, Truth
 from isogal.sensors.trajectory import Trajectory, build_trajectory
 
@@ -57,16 +56,15 @@ def map_for_scenario(
     route = trajectory or build_trajectory(settings)
     corridor = corridor_of(route.latitude, route.longitude, margin)
     source = MapSource.of(settings)
-    field_map = source.along(corridor)
-    field_map = _at_flown_height(settings, source, field_map, corridor)
-    try:
-        check_coverage(
-            field_map, route.latitude, route.longitude, partly=settings.route.track is not None
-        )
-    except InputError as error:
-        if settings.map.terrain is None:
-            raise
-        raise InputError(f"{error}; below the ground it has none: see route.height") from None
+    field_map, height = source.along(corridor), settings.route.height
+    if source.continues(field_map, height):
+        whole = isinstance(field_map, FieldMap)
+        if whole and (settings.map.terrain is not None or math.prod(field_map.shape) > _SMALL):
+            field_map = derived_maps(settings, margin).channels[0]
+        else:
+            field_map = source.flown_along(height, field_map, corridor)
+    partly = settings.route.track is not None
+    check_coverage(field_map, route.latitude, route.longitude, partly=partly)
     return field_map
 
 
@@ -89,16 +87,3 @@ def true_map(truth: Truth, matched: Map, trajectory: Trajectory, field_map: Rout
         See `map_for_scenario`.
     """
     return field_map if truth.map == matched else map_for_scenario(truth, trajectory)
-
-
-def _at_flown_height(
-    settings: Settings, source: MapSource, field_map: ScalarMap, corridor: Corridor
-) -> ScalarMap:
-    """Return the map along a route at the flown height; `field_map` is what the source says."""
-    height = settings.route.height
-    large = isinstance(field_map, FieldMap) and (
-        settings.map.terrain is not None or field_map.values.size > _SMALL
-    )
-    if large and source.continues(field_map, height):
-        return derived_maps(settings, corridor.margin).channels[0]
-    return source.flown_along(height, field_map, corridor)

@@ -22,6 +22,7 @@ from isogal.fields.scenario_map import true_map
 from isogal.inertial.rotations import matrix
 from isogal.magnetics.terms import terms
 from isogal.maps.channels import RouteMap
+from isogal.maps.load import check_coverage
 from isogal.scenario import Assumed, Map, Settings, Truth
 from isogal.sensors.gravimeter_errors import missing, reading_errors
 from isogal.sensors.lag import Lag
@@ -171,15 +172,8 @@ def true_readings(
             f" {truth.steps_per_scan * trajectory.dt:g} s"
         )
     latitude, longitude = trajectory.latitude[i], trajectory.longitude[i]
+    check_coverage(field_map, latitude, longitude, partly=truth.route.track is not None)
     value = field_map.value(latitude, longitude)
-    missing = ~np.isfinite(value.reshape(len(i), -1)).all(axis=1)
-    if missing.all() or (missing.any() and truth.route.track is None):
-        j = int(np.argmax(missing))
-        raise InputError(
-            f"map {field_map.provenance}: does not cover the route at latitude"
-            f" {np.degrees(latitude[j]):.4f}, longitude {np.degrees(longitude[j]):.4f} deg"
-            f" ({trajectory.time[i[j]]:.0f} s after the start)"
-        )
     attitude, turn = matrix(trajectory.attitude[i]), turn_rates(trajectory)[i]
     at = trajectory.at(i)._replace(attitude=attitude, turn=turn)
     return _measured(truth, field_map).reduction(truth).raw(value, at)

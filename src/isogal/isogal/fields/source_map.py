@@ -39,24 +39,19 @@ class MapSource:
     settings: Map
     quantity: str | None
     """What the map has to be of; None = anything."""
-    key: str = "field"
-    """Key of the scenario that asks for it, for messages."""
-    asked: str = ""
-    """What that key says."""
+    read: Load | None = None
+    """Reads what is in a window, in place of what the scenario names."""
 
     @classmethod
     def of(cls, settings: Settings) -> Self:
         """Return the source of the map that the field of a scenario needs; raises InputError as
         `measured_field` does."""
-        field = measured_field(settings)
-        needs = "" if field.channels is None else f", which needs one of {field.source}"
-        key = "field" if settings.field else "gravimeter.quantity"
-        return cls(settings.map, field.source, key, settings.measured_field + needs)
+        return cls(settings.map, measured_field(settings).source)
 
     def other(self, quantity: str | None, variable: str | None = None) -> "MapSource":
         """Return the source of another quantity, or variable, of the same map."""
         settings = self.settings.model_copy(update={"variable": variable})
-        return MapSource(settings, quantity, self.key, quantity or "")
+        return MapSource(settings, quantity)
 
     def __call__(self, window: Window) -> FieldMap:
         """Return the map in a window.
@@ -66,11 +61,13 @@ class MapSource:
         InputError
             It cannot be read, is of another quantity, or is too large.
         """
+        if self.read is not None:
+            return self.read(window)
         if self.settings.source == SYNTHETIC:
             from isogal.maps.synthetic.synthetic_map import synthetic_map
 
             return self._checked(synthetic_map(self._synthetic, window))
-        return self._checked(self._read(window))
+        return self._checked(self._named(window))
 
     def along(self, corridor: Corridor) -> ScalarMap:
         """Return the map along a route, tiled if it is large; raises InputError as a call does."""
@@ -183,18 +180,14 @@ class MapSource:
             raise InputError(f"{source.provenance}: the disturbance beside it is on another grid")
         return _changed_as(source, disturbance, height, cutoff, window)
 
-    def _read(self, window: Window) -> FieldMap:
+    def _named(self, window: Window) -> FieldMap:
         source, path, variable = self.settings.source, self.settings.path, self.settings.variable
-        named = source in plugins.names(plugins.MAP_FORMATS)
-        if named and path is None:
+        formats = plugins.names(plugins.MAP_FORMATS)
+        named = source in formats
+        if named == (path is None):
             raise InputError(
-                "map.path: must name the file or folder, since map.source is the format"
-                f" '{source}'"
-            )
-        if not named and path is not None:
-            raise InputError(
-                "map.source: must be 'synthetic' or a format"
-                f" ({', '.join(plugins.names(plugins.MAP_FORMATS))}) where map.path is given"
+                "map.source: must be 'synthetic' or a file, or a format"
+                f" ({', '.join(formats)}) with the file as map.path"
             )
         return load_map(
             source if path is None else path,
@@ -207,8 +200,8 @@ class MapSource:
     def _checked(self, field_map: _SomeMap) -> _SomeMap:
         if self.quantity not in (None, field_map.quantity):
             raise InputError(
-                f"map: {field_map.provenance} is a {field_map.quantity} map, but {self.key} is"
-                f" {self.asked}; change map.variable or {self.key}"
+                f"map: {field_map.provenance} is a {field_map.quantity} map, and one of"
+                f" {self.quantity} is needed; change map.variable, field or gravimeter.quantity"
             )
         return field_map
 
@@ -219,18 +212,6 @@ class MapSource:
 
         variable = self.settings.variable
         return (self.quantity or "") if variable is None else quantity_of(variable, "map.variable")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GivenMap(MapSource):
-    """The same of a map that its user reads."""
-
-    read: Load
-    """Reads what is in a window."""
-
-    def __call__(self, window: Window) -> FieldMap:
-        """Return the map in a window."""
-        return self.read(window)
 
 
 def _changed_as(
@@ -278,9 +259,7 @@ def _from_ground(terrain: str, height: float, source: FieldMap) -> FieldMap:
     ground's height."""
     from isogal.maps.continuation.terrain import from_terrain
 
-    ground = MapSource(Map(source=terrain), "height", "map.terrain", "the ground's height")(
-        source.extent
-    )
+    ground = MapSource(Map(source=terrain), "height")(source.extent)
     if source.quantity != "gravity":
         return from_terrain(source, ground, height)
     normal = normal_gravity(

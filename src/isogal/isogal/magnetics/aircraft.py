@@ -9,8 +9,6 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.magnetics.terms import SCALE
 
-_NONE = np.zeros((3, 3))
-
 
 @dataclass(frozen=True, eq=False)
 class MagneticAircraft:
@@ -18,9 +16,9 @@ class MagneticAircraft:
 
     permanent: Array = field(default_factory=lambda: np.zeros(3))
     """(3,) nT, body axes."""
-    induced: Array = field(default_factory=lambda: _NONE)
+    induced: Array = field(default_factory=lambda: np.zeros((3, 3)))
     """(3, 3) added field in a field of 1."""
-    eddy: Array = field(default_factory=lambda: _NONE)
+    eddy: Array = field(default_factory=lambda: np.zeros((3, 3)))
     """(3, 3) s, added field in a field that changes by 1 in a second."""
 
     def field_on_board(self, vector: Array, rate: Array) -> Array:

@@ -112,24 +112,23 @@ def calibrate(
     swing = _require_manoeuvres(a[holds], readings, settings.force)
     # neighbouring readings in the band are not independent
     share = min(1.0, 2.0 * (settings.band.high - settings.band.low) * readings.interval)
-    ridge = settings.ridge
+    held, ridge = a[holds], settings.ridge
     if ridge is None:
-        ridge = evidence_ridge(a[holds], y[holds], share)
-    coefficients, covariance = solve(a[holds], y[holds], ridge)
-    values = np.maximum(np.linalg.eigvalsh(a[holds].T @ a[holds]), 0.0)
+        ridge = evidence_ridge(held, y[holds], share)
+    coefficients, covariance = solve(held, y[holds], ridge)
+    values = np.maximum(np.linalg.eigvalsh(held.T @ held), 0.0)
     sigma = np.sqrt(np.diag(covariance) / share)
     found = Compensation(coefficients, names, 0.0, lag, sigma)
     if reference:
         rest = level - columns @ coefficients
         found = replace(found, offset=float(np.median(rest[readings.usable & np.isfinite(rest)])))
-    after = np.where(holds, y - a @ coefficients, np.nan)
-    norm = np.sqrt((a[holds] ** 2).sum(axis=0))
-    scaled = a[holds][:, norm > 0.0] / norm[norm > 0.0]  # a current may never have flowed
+    norm = np.sqrt((held**2).sum(axis=0))
+    scaled = held[:, norm > 0.0] / norm[norm > 0.0]  # a current may never have flowed
     return Calibration(
         found,
         readings.time,
         np.where(holds, y, np.nan),
-        after,
+        np.where(holds, y - a @ coefficients, np.nan),
         swing,
         float(np.linalg.cond(scaled)),
         float((values / np.maximum(values + ridge, 1e-300)).sum()),
@@ -219,15 +218,13 @@ def _require_manoeuvres(a: Array, readings: Readings, force: bool) -> Array:
         raise InputError(f"{readings.where}: {len(a)} readings that count are too few")
     swing = np.linalg.svd(a[:, :3], compute_uv=False) / np.sqrt(len(a))
     if swing[2] < _LEAST_SWING and not force:
-        what = (
-            "no calibration manoeuvres"
-            if swing[1] < _LEAST_SWING
-            else "calibration manoeuvres on one heading only, or about one axis"
-        )
+        what = "manoeuvres on one heading only, or about one axis"
+        if swing[1] < _LEAST_SWING:
+            what = "no calibration manoeuvres"
+        moved = " / ".join(f"{np.degrees(one):.2f}" for one in swing)
         raise InputError(
-            f"{readings.where}: {what}: the field's direction moved by"
-            f" {' / '.join(f'{np.degrees(one):.2f}' for one in swing)} deg (RMS, three axes, in"
-            f" the band); at least {np.degrees(_LEAST_SWING):.2f} is needed: rolls, pitches and"
-            " yaws of 5 to 10 deg on four headings (--force takes what there is)"
+            f"{readings.where}: {what}: the field's direction moved by {moved} deg (RMS, three"
+            f" axes); at least {np.degrees(_LEAST_SWING):.2f} is needed: rolls, pitches and yaws"
+            " of 5 to 10 deg on four headings (--force takes what there is)"
         )
     return swing

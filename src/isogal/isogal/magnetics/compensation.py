@@ -1,12 +1,11 @@
 """Learnt coefficients of a vehicle: applied, written, read (docs/magnetometer.md, section 4)."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from isogal.arrays import Array
 from isogal.errors import InputError
@@ -88,23 +87,19 @@ class Compensation:
 _Number = Annotated[float, Field(strict=True, gt=-_LARGEST, lt=_LARGEST)]
 
 
-def _all_of(names: tuple[str, ...]) -> Callable[[dict[str, float]], dict[str, float]]:
-    def check(section: dict[str, float]) -> dict[str, float]:
-        if sorted(section) != sorted(names):
-            raise ValueError(f"must have {', '.join(names)}")
-        return section
-
-    return check
-
-
 class _File(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     isogal_magnetic_compensation: Literal[1]
     scale_nt: Literal[50_000]
-    permanent: Annotated[dict[str, _Number], AfterValidator(_all_of(PERMANENT))]
-    induced: Annotated[dict[str, _Number], AfterValidator(_all_of(INDUCED))]
-    eddy: Annotated[dict[str, _Number], AfterValidator(_all_of(EDDY))]
+    permanent: Annotated[dict[Literal["x", "y", "z"], _Number], Field(min_length=3)]
+    induced: Annotated[
+        dict[Literal["xx", "xy", "xz", "yy", "yz", "zz"], _Number], Field(min_length=6)
+    ]
+    eddy: Annotated[
+        dict[Literal["xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"], _Number],
+        Field(min_length=9),
+    ]
     currents: dict[str, tuple[_Number, _Number, _Number]] | None = None
     offset: _Number = 0.0
     lag: _Number = 0.0
@@ -127,8 +122,9 @@ def read_compensation(path: str | Path) -> Compensation:
     if document[_KEY] != 1:
         raise InputError(f"{path}: {_KEY}: is version {document[_KEY]}, known is 1")
     file = validated(_File, document, where=f"{path}: ")
-    groups = (PERMANENT, file.permanent), (INDUCED, file.induced), (EDDY, file.eddy)
-    values = [section[name] for names, section in groups for name in names]
+    document = file.model_dump()
+    groups = (PERMANENT, "permanent"), (INDUCED, "induced"), (EDDY, "eddy")
+    values = [document[section][name] for names, section in groups for name in names]
     currents, sigma = file.currents or {}, file.sigma or []
     values += [one for effect in currents.values() for one in effect]
     if sigma and len(sigma) != len(values):

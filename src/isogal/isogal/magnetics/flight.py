@@ -1,7 +1,6 @@
 """Flights with a scalar and a vector magnetometer in text files, and the files of base
 stations."""
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,7 +29,6 @@ _COLUMNS = {
     "reference": Column(("reference",), unit=" nT", gaps=True),
 }
 _PLACES = ("latitude", "longitude")
-_NO_PLACES = "has no columns latitude and longitude"
 _CURRENT = "current_"
 
 
@@ -73,7 +71,7 @@ class MagneticFlight:
     def placed(self) -> tuple[Array, Array]:
         """The places; raises InputError where none are recorded."""
         if self.places is None:
-            raise InputError(f"{self.readings.where}: {_NO_PLACES}")
+            raise InputError(f"{self.readings.where}: has no columns latitude and longitude")
         return self.places
 
     @property
@@ -100,7 +98,8 @@ def read_magnetic_flight(path: str | Path, base: Path | None = None) -> Magnetic
         are refused by `Readings` or `BaseStation`.
     """
     rows = read_rows(path, ", ".join(_REQUIRED))
-    columns = rows.read(_COLUMNS, _REQUIRED)
+    placed = any(rows.index(_COLUMNS[name]) is not None for name in _PLACES)
+    columns = rows.read(_COLUMNS, (*_REQUIRED, *(_PLACES if placed else ())))
     currents = {
         name.removeprefix(_CURRENT): Column((name,), unit=" A", gaps=True)
         for name in rows.names
@@ -112,10 +111,9 @@ def read_magnetic_flight(path: str | Path, base: Path | None = None) -> Magnetic
     if base is not None:
         variation = read_base_station(base).variation(time, readings.where)
         readings = replace(readings, total=total - variation)
-    there = [name for name in _PLACES if name in columns]
-    if len(there) == 1:
-        raise InputError(f"{readings.where}: {_NO_PLACES}")
-    places = (np.radians(columns[_PLACES[0]]), np.radians(columns[_PLACES[1]])) if there else None
+    places = None
+    if placed:
+        places = np.radians(columns[_PLACES[0]]), np.radians(columns[_PLACES[1]])
     return MagneticFlight(readings, places, columns.get("height"), columns.get("reference"))
 
 
@@ -145,10 +143,7 @@ def write_compensated(
     InputError
         The file cannot be written, or the flight has no positions.
     """
-    lines = ["time,latitude,longitude,value,total"]
-    for time, *place, value, own in zip(
-        flight.readings.time, *np.degrees(flight.placed), anomaly, total, strict=True
-    ):
-        cells = ["" if math.isnan(one) else f"{one:.3f}" for one in (value, own)]
-        lines.append(",".join([f"{time:.4f}", *(f"{one:.8f}" for one in place), *cells]))
-    write_atomic(path, "\n".join(lines) + "\n")
+    columns = flight.readings.time, *np.degrees(flight.placed), anomaly, total
+    form = "{:.4f},{:.8f},{:.8f},{:.3f},{:.3f}"
+    rows = (form.format(*row).replace("nan", "") for row in zip(*columns, strict=True))
+    write_atomic(path, "\n".join(["time,latitude,longitude,value,total", *rows, ""]))

@@ -48,10 +48,8 @@ def calibration_flight(rate: float = 10.0) -> Flight:
     """Return a flight round a square, with rolls, pitches and yaws on each side; `rate` readings
     in a second."""
     pieces = []
-    for side in range(4):
-        heading = side * math.pi / 2.0
-        pieces.append(_side(rate, heading))
-        pieces.append(_turn(rate, heading, heading + math.pi / 2.0))
+    for heading in 0.5 * math.pi * np.arange(4.0):
+        pieces += [_side(rate, heading), _turn(rate, heading, heading + 0.5 * math.pi)]
     return _flown(np.concatenate(pieces), rate)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from isogal.arrays import Array, Integers
 from isogal.magnetics.compensation import Compensation
 from isogal.magnetics.readings import Readings, shifted
-from isogal.magnetics.terms import terms
+from isogal.magnetics.terms import COUNT, terms
 
 COEFFICIENT_SIGMA = 300.0
 """1-sigma of a coefficient of a vehicle that nobody has calibrated, nT."""
@@ -20,6 +20,8 @@ _NOISE = 2.0
 _BACKGROUND_SIGMA, _BACKGROUND_TIME = 50.0, 30.0
 """1-sigma, nT, of what the field differs from what is taken off it: the anomaly, or the error of a
 map of it, and the daily variation; and s over which that changes."""
+_BACKGROUND = _BACKGROUND_SIGMA**2 * np.array([1.0, _BACKGROUND_TIME**-2])
+"""Variances of it and of its rate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,10 +64,17 @@ def learn_along(
     InputError
         A current that counts was not recorded.
     """
-    names = tuple(readings.currents) if start is None else start.currents
-    at, steps, rows = _rows(readings, names, 0.0 if start is None else start.lag)
+    if start is None:
+        names = tuple(readings.currents)
+        start = Compensation(np.zeros(COUNT + 3 * len(names)), names)
+    at, steps, rows = _rows(readings, start.currents, start.lag)
     count = rows.shape[1]
-    state, covariance = _prior(count, start, offset_sigma)
+    # coefficients, constant, background (nT) and its rate (nT/s)
+    state, spread = np.zeros(count + 3), np.full(count, COEFFICIENT_SIGMA)
+    state[:count], state[count] = start.coefficients, start.offset
+    if start.sigma.size:
+        spread = np.minimum(spread, CALIBRATED_SHARE * start.sigma)
+    covariance = np.diag(np.concatenate([spread**2, [offset_sigma**2], _BACKGROUND]))
     level = readings.total - known
     own, sigma = np.full((2, len(readings)), np.nan)
     for i, dt, row in zip(at, steps, rows, strict=True):
@@ -85,9 +94,8 @@ def learn_along(
         h[-2] = 0.0
         own[i], sigma[i] = h @ state, math.sqrt(h @ covariance @ h)
     spread = np.sqrt(np.maximum(np.diag(covariance)[:count], 0.0))
-    return Learnt(
-        own, sigma, Compensation(state[:count].copy(), names, float(state[count]), sigma=spread)
-    )
+    found = Compensation(state[:count], start.currents, float(state[count]), sigma=spread)
+    return Learnt(own, sigma, found)
 
 
 def _rows(readings: Readings, names: tuple[str, ...], lag: float) -> tuple[Integers, Array, Array]:
@@ -104,26 +112,10 @@ def _rows(readings: Readings, names: tuple[str, ...], lag: float) -> tuple[Integ
     return at[1:], steps, terms(vector[at[1:]], rate, readings.total[at[1:]], flow)
 
 
-def _prior(count: int, start: Compensation | None, offset_sigma: float) -> tuple[Array, Array]:
-    """Return the state (C + 3,) before the first reading and its covariance: coefficients,
-    constant, background (nT) and its rate (nT/s)."""
-    state, sigma = np.zeros(count + 3), np.full(count, COEFFICIENT_SIGMA)
-    if start is not None:
-        state[:count], state[count] = start.coefficients, start.offset
-        if start.sigma.size:
-            sigma = np.minimum(sigma, CALIBRATED_SHARE * start.sigma)
-    return state, np.diag(np.concatenate([sigma**2, [offset_sigma**2], _steady()]))
-
-
-def _steady() -> Array:
-    """Return (2,) the variances of the background and of its rate."""
-    return _BACKGROUND_SIGMA**2 * np.array([1.0, _BACKGROUND_TIME**-2])
-
-
 def _background(dt: float) -> tuple[Array, Array]:
     """Return (2, 2) the transition of the background over a step (s), and what joins its
     covariance."""
-    beta, steady = 1.0 / _BACKGROUND_TIME, np.diag(_steady())
+    beta, steady = 1.0 / _BACKGROUND_TIME, np.diag(_BACKGROUND)
     turn = math.exp(-beta * dt) * np.array(
         [[1.0 + beta * dt, dt], [-(beta**2) * dt, 1.0 - beta * dt]]
     )

@@ -42,20 +42,13 @@ class Readings:
         usable = self.usable
         if not usable.any():
             raise InputError(f"{self.where}: no row has readings of both magnetometers")
-        length = np.sqrt((self.vector[usable] ** 2).sum(axis=-1))
-        for name, value in (("scalar", self.total[usable]), ("vector", length)):
-            middle = float(np.median(value))
-            if not _LEAST < middle < _MOST:
-                raise InputError(
-                    f"{self.where}: readings of the {name} magnetometer of {middle:.4g} (median)"
-                    " are not the Earth's field in nT (10,000 to 100,000); give total fields, in"
-                    " nT"
-                )
-        ratio = float(np.median(length / self.total[usable]))
-        if abs(ratio - 1.0) > _DISAGREE:
+        total, length = self.total[usable], np.sqrt((self.vector[usable] ** 2).sum(axis=-1))
+        middle, ratio = float(np.median(total)), float(np.median(length / total))
+        if not _LEAST < middle < _MOST or abs(ratio - 1.0) > _DISAGREE:
             raise InputError(
-                f"{self.where}: the vector magnetometer's length is {ratio:.2f} of the scalar"
-                " magnetometer's reading; both must be total fields in nT"
+                f"{self.where}: readings of the scalar magnetometer of {middle:.4g} (median), and"
+                f" {ratio:.3g} times that of the vector magnetometer, are not the Earth's field in"
+                " nT (10,000 to 100,000)"
             )
 
     def __len__(self) -> int:

@@ -66,9 +66,7 @@ class CompensatedStream(Generic[Item]):
         magnetometer, nT."""
         vector, rate = self._at(time)
         clean = total - float(self._compensation.one(vector, rate, np.asarray(total)))
-        if not self._online:
-            return clean
-        return np.append(clean, terms(vector, rate, np.asarray(total)))
+        return np.append(clean, terms(vector, rate, np.asarray(total))) if self._online else clean
 
     def _at(self, time: float) -> tuple[Array, Array]:
         """Return the vector at a time, nT, and its rate of change, nT/s."""

@@ -9,7 +9,7 @@
     axes                 windows, regular axes, and the part of an axis that a window needs
     load                 which format does a file have? does a map cover a route?
     quantities           quantities, units, and which values are possible
-    cache                files that are made once and kept in the user's cache folder
+    cache                the user's cache folder, and locks of files
 
 What maps are used for:
 

@@ -79,14 +79,12 @@ def regular_axis(axis: Values, name: str, where: str) -> Array:
         raise InputError(
             f"{where}: {name} needs at least 4 nodes in one dimension, has shape {axis.shape}"
         )
-    if not np.isfinite(axis).all():
-        raise InputError(f"{where}: {name} has missing coordinates")
     step = (axis[-1] - axis[0]) / (axis.size - 1)
-    if step <= 0.0:
+    if not step > 0.0:
         raise InputError(f"{where}: {name} must increase")
     exact = axis[0] + step * np.arange(axis.size)
     worst = int(np.argmax(np.abs(axis - exact)))
-    if abs(axis[worst] - exact[worst]) > REGULAR * step:
+    if not abs(axis[worst] - exact[worst]) <= REGULAR * step:  # or missing
         raise InputError(
             f"{where}: {name} must be regularly spaced; node {worst} is at"
             f" {math.degrees(axis[worst]):.6f} deg, not at {math.degrees(exact[worst]):.6f} deg"
@@ -109,17 +107,13 @@ def _columns(axis: Array, west: float, east: float) -> tuple[list[slice], float]
     periodic = count >= circle and abs(circle * step - TWO_PI) < 1e-3 * step
     x = ((west - first) / step) % (TWO_PI / step)
     if periodic:
-        low = math.floor(x) - MARGIN
-        length = min(math.ceil(width / step) + 2 * MARGIN + 2, circle)
-        if length == circle:
+        low = (math.floor(x) - MARGIN) % circle
+        length = math.ceil(width / step) + 2 * MARGIN + 2
+        if length >= circle:
             return [slice(0, circle)], first
-        low %= circle
-        if low + length <= circle:
-            return [slice(low, low + length)], first + low * step
-        return [slice(low, circle), slice(0, low + length - circle)], first + low * step
-    if (
-        x > count - 1 and x + width / step > TWO_PI / step
-    ):  # the window starts west of the grid and reaches into it
+        parts = [slice(low, min(low + length, circle)), slice(0, max(low + length - circle, 0))]
+        return parts[: 1 + (low + length > circle)], first + low * step
+    if x > count - 1 and x + width / step > TWO_PI / step:  # it starts west of the grid
         x -= TWO_PI / step
     low = max(math.floor(x) - MARGIN, 0)
     high = min(math.ceil(x + width / step) + MARGIN + 1, count)
@@ -137,9 +131,12 @@ class Part(NamedTuple):
     longitude: Array
     """Of the columns, rad, in the grid's own range at the first."""
 
-    def of(self, read: Read) -> Values:
-        """Return this part of values that are read by rows and columns."""
-        blocks = [read(self.rows, columns) for columns in self.columns]
+    def of(self, nodes: Values | Read) -> Values:
+        """Return this part of values (n, m, ...), or of what is read by rows and columns."""
+        blocks = [
+            nodes(self.rows, columns) if callable(nodes) else nodes[self.rows, columns]
+            for columns in self.columns
+        ]
         return blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1)
 
 

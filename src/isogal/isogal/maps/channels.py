@@ -38,18 +38,12 @@ class ChannelMap:
     """
 
     def __init__(self, channels: Sequence[FieldMap], values: Values | None = None) -> None:
-        if not channels:
-            raise InputError("a vector map needs at least one channel")
         first = channels[0]
         for number, other in enumerate(channels[1:], 1):
-            if other.unit != first.unit:
+            if other.unit != first.unit or not other.on_grid_of(first):
                 raise InputError(
-                    f"channel {number} of a vector map is in {other.unit}, channel 0 in"
-                    f" {first.unit}"
-                )
-            if not other.on_grid_of(first):
-                raise InputError(
-                    f"channel {number} of a vector map is on another grid than channel 0"
+                    f"channel {number} of a vector map, in {other.unit}, is on another grid, or in"
+                    f" another unit, than channel 0, in {first.unit}"
                 )
         self.channels = tuple(channels)
         if values is None:

@@ -29,11 +29,6 @@ class Corridor(NamedTuple):
         lat, lon = self.latitude, self.longitude
         return _around(lat, lon).grown(self.margin)
 
-    @property
-    def length(self) -> float:
-        """Of the route, m."""
-        return float(along_track(self.latitude, self.longitude)[-1])
-
     def windows(self) -> list[Window]:
         """Return small windows, in the order of the route, that cover it together."""
         spacing = max(0.2 * self.margin, _SHORTEST)

@@ -42,6 +42,7 @@ from numpy.typing import NDArray
 from isogal.arrays import Array, Integers
 from isogal.compiled import kernel
 from isogal.earth.ellipsoid import metres_per_radian
+from isogal.earth.frames import geodetic_to_ecef
 
 Complex = NDArray[np.complex128]
 _ORDERS: Final = 5
@@ -90,8 +91,8 @@ def covariance(latitude: Array, longitude: Array, sigma: Array, length: float) -
     length : float
         Their correlation length, m.
     """
-    apart = displacements(latitude, longitude)
-    distance = np.hypot(apart[..., 0], apart[..., 1])
+    places = geodetic_to_ecef(latitude, longitude, 0.0)
+    distance = np.sqrt(((places[:, None] - places) ** 2).sum(axis=-1))
     return np.asarray(np.outer(sigma, sigma) * decay(distance, length))
 
 
@@ -189,6 +190,8 @@ def _hankel(order: int, x: Array) -> Array:
 @lru_cache(maxsize=1)
 def _table() -> tuple[Array, Array]:
     """Return (K,) log x and (5, K) C_m there."""
+    from scipy.special import ive, kve
+
     x = np.geomspace(_NEAREST, _FARTHEST, _STEPS)
     first = np.exp(-x)
     # ∫ s C_0 and ∫ s³ C_0 as they are, but by their series where they cancel
@@ -198,7 +201,9 @@ def _table() -> tuple[Array, Array]:
         x**4 / 4 - x**5 / 5 + x**6 / 12 - x**7 / 42 + x**8 / 192,
         6.0 - (x**3 + 3 * x**2 + 6 * x + 6.0) * first,
     )
-    one = _order_one(x)
+    y = 0.5 * x
+    # ive kve = I K: the exponential factors cancel
+    one = y * (ive(0, y) * kve(0, y) - ive(1, y) * kve(1, y))
     # ∫ s² C_1 ds by the trapezoid rule in log s
     each = 0.5 * np.diff(np.log(x)) * (x[1:] ** 3 * one[1:] + x[:-1] ** 3 * one[:-1])
     square = np.concatenate([[0.0], np.cumsum(each)])
@@ -210,15 +215,6 @@ def _table() -> tuple[Array, Array]:
         first + 4.0 * linear / x**2 - 12.0 * cubic / x**4,
     ]
     return np.log(x), np.array(table)
-
-
-def _order_one(x: Array) -> Array:
-    """Return C_1."""
-    from scipy.special import ive, kve
-
-    y = 0.5 * x
-    # ive kve = I K: the exponential factors cancel
-    return np.asarray(y * (ive(0, y) * kve(0, y) - ive(1, y) * kve(1, y)))
 
 
 class Chain(NamedTuple):

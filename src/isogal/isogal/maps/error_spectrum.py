@@ -18,7 +18,7 @@ c(d) = (1 + (d / 2h)²)^(-3/2)."""
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -45,35 +45,31 @@ class ErrorSpectrum:
     """(K,) share of the variance of errors of 1-sigma one that each wavenumber has."""
     white: Array
     """(K,) likewise, of white noise of the nodes."""
-    sigma: float = 1.0
+    sigma: float
     """1-sigma of the correlated errors."""
-    rounding: float = 0.0
+    rounding: float
     """1-sigma of the white noise."""
 
     @classmethod
     def of_map(cls, field_map: FieldMap) -> "ErrorSpectrum":
         """Return that of what a map says of its errors: the root mean square over its nodes, and
         the rounding of its values."""
-        return replace(
-            cls.of_grid(field_map.cell, field_map.correlation_length),
-            sigma=float(np.sqrt(np.nanmean(np.square(field_map.sigma)))),
-            rounding=field_map.quantisation / math.sqrt(12.0),
-        )
-
-    @classmethod
-    def of_grid(cls, cell: tuple[float, float], length: float | None) -> "ErrorSpectrum":
-        """Return the spectrum on a grid with cells (north, east), m, of errors that hold together
-        over a length (m); None = the usual one."""
         # the disc whose area is that of the rectangle of wavenumbers that the grid can show
-        highest = 2.0 * math.sqrt(math.pi / (cell[0] * cell[1]))
+        highest = 2.0 * math.sqrt(math.pi / math.prod(field_map.cell))
         edges = highest * np.linspace(0.0, 1.0, _NODES + 1) ** 3  # denser at long waves
-        scaled = (edges * (length or USUAL_LENGTH)) ** 2
+        scaled = (edges * (field_map.correlation_length or USUAL_LENGTH)) ** 2
         # exact integrals over each interval of k dk / (1 + k² L²)^(3/2) and of k dk
         correlated = -np.diff(1.0 / np.sqrt(1.0 + scaled))
         white = np.diff(edges**2) / highest**2
         # what is shorter than the grid can show is folded into what it shows
         correlated += (1.0 - correlated.sum()) * white
-        return cls(0.5 * (edges[1:] + edges[:-1]), correlated, white)
+        return cls(
+            0.5 * (edges[1:] + edges[:-1]),
+            correlated,
+            white,
+            sigma=float(np.sqrt(np.nanmean(np.square(field_map.sigma)))),
+            rounding=field_map.quantisation / math.sqrt(12.0),
+        )
 
     def gain(self, factor: Factor) -> float:
         """Return the 1-sigma after an operator of correlated errors of 1-sigma one."""

@@ -131,33 +131,33 @@ class FieldMap:
 
     def _check_errors(self, where: str, drop: bool) -> None:
         shape = self.values.shape
-        for name in _ERRORS_AT_NODES:
+        for name, wanted in zip(_ERRORS_AT_NODES, (shape, (*shape, 3)), strict=True):
             if np.ndim(given := getattr(self, name)) == 0:  # one number, or None
                 continue
             array = np.asarray(real_numbers(given, f"{where}: {name}"), dtype=np.float64)
             array = np.ascontiguousarray(array[:, :-1] if drop and array.ndim > 1 else array)
-            if array.shape != (*shape, 3)[: 3 if name == "error_ellipses" else 2]:
+            if array.shape != wanted:
                 raise InputError(f"{where}: {name} has shape {array.shape}, the values {shape}")
             object.__setattr__(self, name, array)
-        sigma, ellipses = self.sigma, self.error_ellipses
-        if np.ndim(sigma):
-            if np.less(sigma, 0.0).any():
-                raise InputError(f"{where}: sigma must be >= 0")
-            if not np.isfinite(sigma).any():  # said of no node
-                object.__setattr__(self, "sigma", 0.0)
-        else:
-            object.__setattr__(self, "sigma", float(sigma))
-        if ellipses is not None and impossible(ellipses).any():
+        if self.error_ellipses is not None and impossible(self.error_ellipses).any():
             raise InputError(f"{where}: correlation lengths must be > 0 m")
-        for name, allowed, good in (
-            ("sigma", ">= 0", np.ndim(sigma) or (np.isfinite(sigma) and sigma >= 0.0)),
-            ("correlation_length", "> 0 m", _none_or(self.correlation_length, math.ulp(0.0))),
-            ("height", "finite", _none_or(self.height, -math.inf)),
-            ("quantisation", ">= 0", _none_or(self.quantisation, 0.0)),
-            ("unresolved", ">= 0", _none_or(self.unresolved, 0.0)),
+        for name, allowed, least in (
+            ("sigma", ">= 0", 0.0),
+            ("correlation_length", "> 0 m", math.ulp(0.0)),
+            ("height", "finite", -math.inf),
+            ("quantisation", ">= 0", 0.0),
+            ("unresolved", ">= 0", 0.0),
         ):
-            if not good:
-                raise InputError(f"{where}: {name} must be {allowed}, is {getattr(self, name)}")
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if np.ndim(value):  # where NaN = not known
+                if np.less(value, least).any():
+                    raise InputError(f"{where}: {name} must be {allowed}")
+            elif not (math.isfinite(value) and value >= least):
+                raise InputError(f"{where}: {name} must be {allowed}, is {value}")
+        if np.ndim(self.sigma) == 0 or not np.isfinite(self.sigma).any():  # said of no node
+            object.__setattr__(self, "sigma", 0.0 if np.ndim(self.sigma) else float(self.sigma))
 
     @cached_property
     def grid(self) -> Grid:
@@ -314,11 +314,7 @@ class FieldMap:
         """
         window = Window(lat_min, lat_max, lon_min, lon_max)
         part = part_within(self.latitude, self.longitude, window, self.provenance or self.quantity)
-        return self._cut(
-            part.latitude,
-            part.longitude,
-            lambda array: part.of(lambda rows, columns: array[rows, columns]),
-        )
+        return self._cut(part.latitude, part.longitude, part.of)
 
     def overview(self, most: int, window: Window | None = None) -> "FieldMap":
         """Return the map, or a window of it, thinned to at most ``most`` rows and columns."""
@@ -374,11 +370,6 @@ def flat_points(latitude: ArrayLike, longitude: ArrayLike) -> tuple[Array, Array
         real_numbers(longitude, "longitude").astype(np.float64, copy=False),
     )
     return np.ascontiguousarray(lat).reshape(-1), np.ascontiguousarray(lon).reshape(-1), lat.shape
-
-
-def _none_or(value: float | None, least: float) -> bool:
-    """Whether a number is not given, or finite and not below a limit."""
-    return value is None or (math.isfinite(value) and value >= least)
 
 
 def delegated(place: Callable[[Any], FieldMap], name: str) -> Any:

@@ -93,15 +93,14 @@ def derivatives(
     Raises
     ------
     InputError
-        Not a map of the disturbance, unknown component, negative height or edge, too many holes,
-        too small or too large a map.
+        Not a map of the disturbance, unknown component, negative height, too many holes, too small
+        or too large a map.
     """
     of_vector = bool(components) and components[0] in VECTOR
     known = VECTOR if of_vector else COMPONENTS
-    unknown = [name for name in components if name not in known]
-    if unknown or not components:
+    if not components or not set(components) <= set(known):
         raise InputError(
-            f"unknown tensor component {', '.join(unknown) or '(none)'}; known: {', '.join(known)}"
+            f"unknown tensor component {', '.join(components)}; known: {', '.join(known)}"
         )
     what = "horizontal components" if of_vector else "gradients"
     if disturbance.quantity != "disturbance":
@@ -109,9 +108,8 @@ def derivatives(
             f"{disturbance.provenance or 'map'}: {what} come from a map of the disturbance, not of"
             f" {disturbance.quantity}"
         )
-    for name, value in (("height", height), ("edge", edge)):
-        if not 0.0 <= value < math.inf:
-            raise InputError(f"{name} of the {what} must be >= 0 m, is {value}")
+    if height < 0.0:
+        raise InputError(f"height of the {what} must be >= 0 m, is {height}")
     spectral.check_plane(disturbance, what)
     values = np.asarray(disturbance.values, dtype=np.float64)
     missing = ~np.isfinite(values)
@@ -135,26 +133,22 @@ def from_deflections(xi: FieldMap, eta: FieldMap) -> ChannelMap:
         Other quantities, or different grids.
     """
     channels = []
-    for deflection, named, quantity in zip(
+    for map_, named, quantity in zip(
         (xi, eta), ("deflection_north", "deflection_east"), VECTOR[1:], strict=True
     ):
-        if deflection.quantity != named:
+        if map_.quantity != named:
             raise InputError(
-                f"{deflection.provenance or 'map'}: must be a map of {named}, is one of"
-                f" {deflection.quantity}"
+                f"{map_.provenance or 'map'}: must be a map of {named}, is one of {map_.quantity}"
             )
-        gamma = normal_gravity(deflection.latitude, deflection.height or 0.0)[:, None]
-        mean, sigma = float(gamma.mean()), deflection.sigma
+        gamma = normal_gravity(map_.latitude, map_.height or 0.0)[:, None]
+        mean = float(gamma.mean())
+        of_map = replace(map_, unit="m/s²", file_unit="m/s²", file_factor=1.0, quantity=quantity)
         channels.append(
             replace(
-                deflection,
-                values=-gamma * deflection.values,
-                unit="m/s²",
-                quantity=quantity,
-                sigma=sigma * mean if isinstance(sigma, float) else sigma * gamma,
-                quantisation=deflection.quantisation * mean,
-                file_unit="m/s²",
-                file_factor=1.0,
+                of_map,
+                values=-gamma * map_.values,
+                sigma=map_.sigma * (gamma if np.ndim(map_.sigma) else mean),
+                quantisation=map_.quantisation * mean,
             )
         )
     return ChannelMap(channels)

@@ -73,70 +73,39 @@ class Quantity:
     smallest: float = 0.0
     """Least size that the largest value of a map can have; below it, the unit must be wrong. Maps
     of zeros only are let pass."""
-    names: tuple[str, ...] = ()
-    """Variable names, functionals of ICGEM and words that mean it in files."""
+    names: str = ""
+    """Variable names, functionals of ICGEM and words that mean it in files, between blanks."""
 
 
-_FIELD = (
-    -1.0e-2,
-    1.0e-2,
-    1.0e-7,
-)  # m/s²: anomalies on land and sea stay within 1000 mGal; 0.01 mGal is below any noise
+# m/s²: anomalies on land and sea stay within 1000 mGal; 0.01 mGal is below any noise
+_FIELD = (-1.0e-2, 1.0e-2, 1.0e-7)
+_DEFLECTION = (-1.0e-3, 1.0e-3, 1.0e-9)
+_HEIGHTS = "elevation topography hsl dem topo topography_grd topography_shm etopo1_shm"
+_GRADIENTS = "gravity_gradient gxx gyy gzz gxy gxz gyz"
 GRAVITY = ("gravity", "disturbance")
 """Quantities whose errors are those of gravity itself."""
 QUANTITIES: dict[str, Quantity] = {
     "gravity": Quantity(
-        "m/s²",
-        9.70,
-        9.90,
-        names=("ga", "gravity_earth", "gravity_acceleration", "observed_gravity"),
+        "m/s²", 9.70, 9.90, names="ga gravity_earth gravity_acceleration observed_gravity"
     ),
-    "disturbance": Quantity(
-        "m/s²", *_FIELD, names=("dg", "gravity_disturbance", "gravity_disturbance_sa")
-    ),  # in spherical approximation (_sa), which differs by under 0.1 %, too
+    # in spherical approximation (_sa), which differs by under 0.1 %, too
+    "disturbance": Quantity("m/s²", *_FIELD, "dg gravity_disturbance gravity_disturbance_sa"),
     "bouguer_disturbance": Quantity("m/s²", *_FIELD),
     "gravity_anomaly": Quantity(
-        "m/s²",
-        *_FIELD,
-        names=("gravity_anomaly_sa", "gravity_anomaly_cl", "free_air_anomaly", "faa"),
+        "m/s²", *_FIELD, "gravity_anomaly_sa gravity_anomaly_cl free_air_anomaly faa"
     ),
-    "bouguer_anomaly": Quantity("m/s²", *_FIELD, names=("gravity_anomaly_bg", "cba")),
-    "magnetic_anomaly": Quantity(
-        "nT", -4.0e4, 4.0e4, 1e-2, ("tmi_anomaly", "emag2", "mag_anomaly")
-    ),
-    "magnetic_field": Quantity("nT", 1.0e4, 1.0e5, names=("total_field", "tmi")),
-    "height": Quantity(
-        "m",
-        -1.2e4,
-        9.5e3,
-        names=(
-            "elevation",
-            "topography",
-            "hsl",
-            "dem",
-            "topo",
-            "topography_grd",
-            "topography_shm",
-            "etopo1_shm",
-        ),
-    ),
+    "bouguer_anomaly": Quantity("m/s²", *_FIELD, "gravity_anomaly_bg cba"),
+    "magnetic_anomaly": Quantity("nT", -4.0e4, 4.0e4, 1e-2, "tmi_anomaly emag2 mag_anomaly"),
+    "magnetic_field": Quantity("nT", 1.0e4, 1.0e5, names="total_field tmi"),
+    "height": Quantity("m", -1.2e4, 9.5e3, names=_HEIGHTS),
     "geoid": Quantity(
-        "m",
-        -130.0,
-        110.0,
-        names=("ha", "geoid_height", "height_anomaly", "height_anomaly_ell", "quasigeoid"),
+        "m", -130.0, 110.0, names="ha geoid_height height_anomaly height_anomaly_ell quasigeoid"
     ),
-    "deflection_north": Quantity("rad", -1.0e-3, 1.0e-3, 1.0e-9, ("xi",)),
-    "deflection_east": Quantity("rad", -1.0e-3, 1.0e-3, 1.0e-9, ("eta",)),
+    "deflection_north": Quantity("rad", *_DEFLECTION, "xi"),
+    "deflection_east": Quantity("rad", *_DEFLECTION, "eta"),
     "gravity_north": Quantity("m/s²", *_FIELD),
     "gravity_east": Quantity("m/s²", *_FIELD),
-    "gradient": Quantity(
-        "1/s²",
-        -2.0e-6,
-        2.0e-6,
-        1.0e-13,
-        ("gravity_gradient", "gxx", "gyy", "gzz", "gxy", "gxz", "gyz"),
-    ),
+    "gradient": Quantity("1/s²", -2.0e-6, 2.0e-6, 1.0e-13, _GRADIENTS),
 }
 """Known quantities; `lowest` and `highest` leave room beyond the extremes on Earth."""
 
@@ -169,10 +138,8 @@ def fitting_unit(inside: str, fits: Callable[[float], bool]) -> str | None:
 def quantity_of(name: str) -> str | None:
     """Return the quantity that a variable name or a phrase means, or None."""
     word = "_".join(name.casefold().replace("-", " ").replace("_", " ").split())
-    for quantity, known in QUANTITIES.items():
-        if word == quantity or word in known.names:
-            return quantity
-    return None
+    fitting = (name for name, known in QUANTITIES.items() if word in (name, *known.names.split()))
+    return next(fitting, None)
 
 
 def check_quantity(quantity: str, where: str) -> None:
@@ -272,12 +239,8 @@ def _hint(found: tuple[float, float], low: float, high: float, quantity: str) ->
         return "so many nines are a missing value, which the file must say"
     known = QUANTITIES[quantity]
     for other, candidate in QUANTITIES.items():
-        if (
-            other != quantity
-            and candidate.unit == known.unit
-            and candidate.lowest > 0.0
-            and _possible(candidate, low, high)
-        ):
+        alike = other != quantity and candidate.unit == known.unit and candidate.lowest > 0.0
+        if alike and _possible(candidate, low, high):
             return f"these look like {other}: give quantity={other} (--quantity {other})"
     size = max(abs(found[0]), abs(found[1]))
     name = fitting_unit(

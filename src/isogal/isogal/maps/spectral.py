@@ -66,8 +66,7 @@ def check_plane(field_map: FieldMap, what: str) -> None:
 
     `what` names the result, for the message."""
     where = field_map.provenance or "map"
-    share = float(np.mean(~np.isfinite(field_map.values)))
-    if share > MOST_MISSING:
+    if (share := float(np.mean(~np.isfinite(field_map.values)))) > MOST_MISSING:
         raise InputError(
             f"{where}: {100.0 * share:.0f} % of the map is missing; {what} need a map without"
             " holes"
@@ -130,10 +129,11 @@ def transformed(
     for latitude, weight in reference_latitudes(field_map.latitude):
         cell = field_map.cell[0], field_map.cell_size_m(latitude)[1]
         pads = padding((n, m), cell, taper)
-        rooms = [math.ceil(taper / size) for size in cell]  # more than a small map's mirror images
+        # more than a small map's mirror images
+        rooms = [max(pad, math.ceil(taper / size)) for pad, size in zip(pads, cell, strict=True)]
         shape = (
-            next_fast_len(n + 2 * max(pads[0], rooms[0]), real=True),
-            next_fast_len(m + 2 * max(pads[1], rooms[1]), real=True),
+            next_fast_len(n + 2 * rooms[0], real=True),
+            next_fast_len(m + 2 * rooms[1], real=True),
         )
         spectrum = rfft2(continued(values, pads, antisymmetric=antisymmetric), shape)
         waves = waves_of(shape, cell)

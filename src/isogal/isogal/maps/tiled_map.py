@@ -6,6 +6,7 @@ tiles that lie within the corridor's margin of the batch, so that what it is mat
 depends on where the batch lies and on nothing else: not on which batches came before it, nor on
 the runs that are computed beside it. What was read last is kept, as long as it is small."""
 
+import contextlib
 import itertools
 import math
 from collections import OrderedDict
@@ -25,14 +26,13 @@ from isogal.maps.axes import (
     TooManyCellsError,
     Window,
 )
-from isogal.maps.corridor import Corridor, joined
+from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap, delegated, flat_points
 
 WHOLE_CELLS = 6_000_000
 """A map along a route that has at most so many cells is read as a whole (48 MB)."""
 TILE_CELLS = 250
 """Cells along a side of a tile."""
-_BATCH = 100_000.0  # m; longer batches are matched as well, but their tiles are not made ahead
 _KEPT_CELLS = 4_000_000  # of parts that were read, 32 MB
 
 
@@ -144,11 +144,8 @@ class TiledMap:
         south, north, west, east = self._span(around)
         try:
             return self._part(self._window((south, north), (west, east))) or self._start
-        except TooManyCellsError:
-            raise InputError(
-                f"matcher.batch_length: a batch from {around.text()} needs more of the map"
-                " than fits into memory; make it shorter"
-            ) from None
+        except TooManyCellsError as error:
+            raise InputError(f"matcher.batch_length: make it shorter; {error}") from None
 
     def _split(self, latitude: Array, longitude: Array) -> Iterator[tuple[Integers, FieldMap]]:
         """Yield groups of some points (N,): their indices, and a map in memory around them. Points
@@ -164,13 +161,15 @@ class TiledMap:
 
     def parts(self) -> Iterator[FieldMap]:
         """Yield the tiles that lie in the corridor, each without its margin."""
-        for tile in self._tiles():
-            part = self._part(tile)
-            if part is not None:
-                try:
+        found = set()
+        for window in self.corridor.windows():
+            south, north, west, east = self._span(window)
+            found |= set(itertools.product(range(south, north), range(west, east)))
+        for row, column in sorted(found):
+            tile = self._window((row, row + 1), (column, column + 1))
+            with contextlib.suppress(EmptyWindowError):  # all values lie in the margin
+                if (part := self._part(tile)) is not None:
                     yield _without_margin(part, tile)
-                except EmptyWindowError:  # all values lie in the margin
-                    continue
 
     def overview(self, most: int, window: Window | None = None) -> FieldMap:
         """Return at most ``most`` rows and columns of the map in the corridor, or in a window;
@@ -184,13 +183,9 @@ class TiledMap:
         turn = TWO_PI * np.round((longitude.mean() - self.corridor.longitude.mean()) / TWO_PI)
         shown = np.zeros((rows, columns), dtype=np.bool_)
         for part in self.corridor.windows():
-            near = [
-                slice(*np.searchsorted(axis, edges))
-                for axis, edges in ((latitude, part[:2]), (longitude - turn, part[2:4]))
-            ]
-            shown[near[0], near[1]] = True
-        values = np.full((rows, columns), np.nan)
-        places = np.nonzero(shown)
+            near = slice(*np.searchsorted(latitude, part[:2]))
+            shown[near, slice(*np.searchsorted(longitude - turn, part[2:4]))] = True
+        values, places = np.full((rows, columns), np.nan), np.nonzero(shown)
         values[places] = self.value(latitude[places[0]], longitude[places[1]])
         return FieldMap(
             latitude, longitude, values, self.unit, self.quantity, provenance=self.provenance
@@ -206,16 +201,6 @@ class TiledMap:
             found[:, rows] = what(part, lat[rows], lon[rows])
         return [one.reshape(shape)[()] for one in found]
 
-    def windows(self) -> list[Window]:
-        """Return all windows that `near` reads for batches of up to 100 km along the route."""
-        pieces = self.corridor.windows()
-        count = max(1, round(_BATCH * len(pieces) / max(self.corridor.length, 1.0)))
-        ends = [pieces[min(k + count, len(pieces) - 1)] for k in range(len(pieces))]
-        spans = dict.fromkeys(
-            self._span(joined(piece, end)) for piece, end in zip(pieces, ends, strict=True)
-        )
-        return [self._window(span[:2], span[2:]) for span in spans]
-
     def _part(self, window: Window) -> FieldMap | None:
         """Read the map in a window unless it was read lately; None where there is nothing."""
         if window in self._read:
@@ -225,12 +210,11 @@ class TiledMap:
                 self._read[window] = self._load(window)
             except EmptyWindowError:
                 self._read[window] = None
-            while len(self._read) > 1 and self._cells_kept() > _KEPT_CELLS:
+            sizes = [part.values.size if part else 0 for part in self._read.values()]
+            while len(self._read) > 1 and sum(sizes) > _KEPT_CELLS:
                 self._read.popitem(last=False)
+                del sizes[0]
         return self._read[window]
-
-    def _cells_kept(self) -> int:
-        return sum(part.values.size for part in self._read.values() if part is not None)
 
     def _turned(self, longitude: Array) -> Array:
         """Return longitudes turned by whole circles to where the corridor has its own."""
@@ -252,16 +236,6 @@ class TiledMap:
         """Return the window of some tiles."""
         height, width = self._side
         return Window(rows[0] * height, rows[1] * height, columns[0] * width, columns[1] * width)
-
-    def _tiles(self) -> list[Window]:
-        """Return the tiles that lie in the corridor."""
-        found = set()
-        for window in self.corridor.windows():
-            south, north, west, east = self._span(window)
-            found |= set(itertools.product(range(south, north), range(west, east)))
-        return [
-            self._window((row, row + 1), (column, column + 1)) for row, column in sorted(found)
-        ]
 
 
 ScalarMap = FieldMap | TiledMap

@@ -48,12 +48,11 @@ def template(half_width: float = WINDOW, points: int = POINTS) -> tuple[Array, A
     north, east : (n,) m
         n = points² - 1. Not to be written to.
     """
-    if not 3 <= points <= MOST_POINTS or points % 2 == 0:
+    if not 3 <= points <= MOST_POINTS or points % 2 == 0 or not 0.0 < half_width < math.inf:
         raise InputError(
-            f"variability points (--points) must be odd, 3 to {MOST_POINTS}, is {points}"
+            f"variability points (--points) must be odd, 3 to {MOST_POINTS}, and the half width >"
+            f" 0 m; they are {points} and {half_width}"
         )
-    if not (half_width > 0.0 and math.isfinite(half_width)):
-        raise InputError(f"variability window must be > 0 m, is {half_width}")
     side = np.linspace(-half_width, half_width, points)
     north, east = (grid.reshape(-1) for grid in np.meshgrid(side, side, indexing="ij"))
     keep = np.arange(north.size) != north.size // 2

@@ -45,14 +45,12 @@ def fetch(
     The mirrors publish no checksums: a tile is trusted when it first arrives, its SHA-256 is kept
     in checksums.txt beside it, and a tile that differs from that later is refused."""
     from isogal.cli.progress import Bars
-    from isogal.maps.ggmplus.download import Patience
     from isogal.maps.ggmplus.fetch import fetch_tiles, tiles_for
 
     measured = "ga" if where.load().gravimeter.quantity == "gravity" else "dg"
     names = tiles_for(where.part_needed(), variable or [measured])
     with Bars("bytes") as bars:
-        patience = Patience(timeout, tries)
-        fetched = fetch_tiles(names, base_url, out, patience=patience, progress=bars)
+        fetched = fetch_tiles(names, base_url, out, timeout=timeout, tries=tries, progress=bars)
     lines = []
     for name in names:
         state = "not on the server (open sea?)"

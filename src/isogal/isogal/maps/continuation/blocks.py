@@ -10,7 +10,6 @@ near them is left out as at the map's edge."""
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -38,13 +37,8 @@ _BEYOND = 0.07
 """Error by what is beyond the rim, in standard deviations of the field times height over rim."""
 _STRETCH = 0.15
 """Share by which the length of a degree of longitude may differ within a block and its rim."""
-
-
-class _Block(NamedTuple):
-    """Some of a map's rows and columns, and those that they are computed from."""
-
-    inner: tuple[slice, slice]
-    outer: tuple[slice, slice]
+_Part = tuple[slice, slice]
+"""Rows and columns."""
 
 
 def rim_of(rise: float, cutoff: float | None = None) -> float:
@@ -100,17 +94,19 @@ def continued(
         )
         normal = normal_gravity(field_map.latitude)[:, None]
         return replace(result, values=result.values + normal, quantity="gravity")
-    rim = rim_of(rise, cutoff)
-    values, sigma, parts = _in_blocks(field_map, (height, from_height), cutoff, window)
+    where, rim = field_map.provenance or "map", rim_of(rise, cutoff)
+    values, sigma, blocks = _in_blocks(field_map, (height, from_height), cutoff, window)
     if not np.isfinite(values).any():
         raise InputError(
-            f"{field_map.provenance or 'map'}: nothing is left of the map {EDGE * abs(rise):g} m"
-            " from its edges and holes"
+            f"{where}: nothing is left of the map {EDGE * abs(rise):g} m from its edges and holes"
         )
     beyond = _BEYOND * abs(rise) / rim * float(np.nanstd(field_map.values))
-    mean_sigma, length = _errors(parts, (beyond, rim))
-    errors = mean_sigma if sigma is None else np.hypot(sigma, beyond), length
-    return at_level(field_map, values, errors, height)
+    cells = sum(count for count, *_ in blocks)
+    errors = [(count / cells * square, length) for count, square, length in blocks]
+    errors.append((beyond**2, rim))
+    mean_sigma = math.sqrt(sum(variance for variance, _ in errors))
+    both = mean_sigma if sigma is None else np.hypot(sigma, beyond), mixed_length(errors)
+    return at_level(field_map, values, both, height)
 
 
 def _in_blocks(
@@ -119,30 +115,29 @@ def _in_blocks(
     cutoff: float | None,
     window: Window | None,
 ) -> tuple[Values, Array | None, list[tuple[int, float, float | None]]]:
-    """Return values (n, m), sigma (n, m; None = uniform), and cells, sigma and correlation length
-    of each block that touches a window."""
-    needed = part_within(
-        field_map.latitude, field_map.longitude, window, field_map.provenance or "map"
-    )
-    values = np.full(field_map.values.shape, np.nan, dtype=field_map.values.dtype)
-    sigma = None if isinstance(field_map.sigma, float) else np.zeros(values.shape)
-    parts: list[tuple[int, float, float | None]] = []
-    for block in _blocks(field_map, rim_of(levels[0] - levels[1], cutoff)):
-        rows, columns = block.inner
-        if not _touch(rows, needed.rows) or not any(
-            _touch(columns, one) for one in needed.columns
-        ):
+    """Return values (n, m), sigma (n, m; None = uniform), and cells, mean square of sigma and
+    correlation length of each block that touches a window."""
+    where, rise = field_map.provenance or "map", levels[0] - levels[1]
+    needed = part_within(field_map.latitude, field_map.longitude, window, where)
+    wanted = np.zeros(field_map.shape, dtype=np.bool_)
+    for columns in needed.columns:
+        wanted[needed.rows, columns] = True
+    values = np.full(wanted.shape, np.nan, dtype=field_map.values.dtype)
+    sigma = np.zeros(wanted.shape) if np.ndim(field_map.sigma) else None
+    blocks: list[tuple[int, float, float | None]] = []
+    for inner, outer, within in _blocks(field_map, rim_of(rise, cutoff)):
+        if not (wanted[inner].any() and np.isfinite(field_map.values[outer]).any()):
             continue
-        if not np.isfinite(field_map.values[block.outer]).any():
-            continue
-        part, kept = _continued(field_map.part(*block.outer), levels, cutoff)
-        inner = _relative(block)
-        values[block.inner] = np.where(kept[inner], part.values[inner], np.nan)
-        if sigma is not None and not isinstance(part.sigma, float):
-            sigma[block.inner] = part.sigma[inner]
-        mean = float(np.sqrt(np.nanmean(np.square(part.sigma))))
-        parts.append((part.values[inner].size, mean, part.correlation_length))
-    return values, sigma, parts
+        part = field_map.part(*outer)
+        missing = ~np.isfinite(part.values)
+        kept = spectral.rim_distance(missing, part) > EDGE * abs(rise)
+        part = to_level(_without_holes(part, missing), *levels, cutoff=cutoff, edge=0.0)
+        values[inner] = np.where(kept, part.values, np.nan)[within]
+        if sigma is not None:
+            sigma[inner] = np.asarray(part.sigma)[within]
+        mean_square = float(np.nanmean(np.square(part.sigma)))
+        blocks.append((values[inner].size, mean_square, part.correlation_length))
+    return values, sigma, blocks
 
 
 def _shortest(field_map: FieldMap, depth: float) -> float:
@@ -150,16 +145,6 @@ def _shortest(field_map: FieldMap, depth: float) -> float:
     ends = field_map.latitude[[0, -1]]
     cell = max(max(field_map.cell_size_m(float(latitude))) for latitude in ends)
     return max(2.01 * cell, 2.0 * math.pi * depth)
-
-
-def _continued(
-    part: FieldMap, levels: tuple[float, float], cutoff: float | None
-) -> tuple[FieldMap, Booleans]:
-    """Continue a block and its rim with holes filled; return with it which nodes (n, m) lie far
-    enough from holes and from the map's end."""
-    missing = ~np.isfinite(part.values)
-    kept = spectral.rim_distance(missing, part) > EDGE * abs(levels[0] - levels[1])
-    return to_level(_without_holes(part, missing), *levels, cutoff=cutoff, edge=0.0), kept
 
 
 def _without_holes(part: FieldMap, missing: Booleans) -> FieldMap:
@@ -173,8 +158,9 @@ def _without_holes(part: FieldMap, missing: Booleans) -> FieldMap:
     return replace(part, values=part.values[nearest], sigma=sigma)
 
 
-def _blocks(field_map: FieldMap, rim: float) -> Iterator[_Block]:
-    """Yield blocks that cover a map, each with a rim (m) as far as the map reaches."""
+def _blocks(field_map: FieldMap, rim: float) -> Iterator[tuple[_Part, _Part, _Part]]:
+    """Yield blocks that cover a map: each in the map, with a rim (m) as far as the map reaches,
+    and where the block is in that."""
     n, m = field_map.shape
     farthest = float(np.abs(field_map.latitude[[0, -1]]).max())
     cell = field_map.cell_size_m(farthest)
@@ -188,32 +174,13 @@ def _blocks(field_map: FieldMap, rim: float) -> Iterator[_Block]:
     for top in range(0, n, rows):
         for side in range(0, m, columns):
             inner = slice(top, min(top + rows, n)), slice(side, min(side + columns, m))
+            first = max(top - more[0], 0), max(side - more[1], 0)
             outer = (
-                slice(max(inner[0].start - more[0], 0), inner[0].stop + more[0]),
-                slice(max(inner[1].start - more[1], 0), inner[1].stop + more[1]),
+                slice(first[0], inner[0].stop + more[0]),
+                slice(first[1], inner[1].stop + more[1]),
             )
-            yield _Block(inner, outer)
-
-
-def _touch(one: slice, other: slice) -> bool:
-    return bool(one.start < other.stop and other.start < one.stop)
-
-
-def _relative(block: _Block) -> tuple[slice, slice]:
-    """Return the rows and columns of a block within it and its rim."""
-    first, second = (
-        slice(inner.start - outer.start, inner.stop - outer.start)
-        for inner, outer in zip(*block, strict=True)
-    )
-    return first, second
-
-
-def _errors(
-    parts: list[tuple[int, float, float | None]], beyond: tuple[float, float]
-) -> tuple[float, float | None]:
-    """Return sigma and correlation length (m) of a map from cells, sigma and length of its blocks,
-    and from those of the error by what is beyond their rims."""
-    cells = sum(part[0] for part in parts)
-    errors = [(count / cells * sigma**2, length) for count, sigma, length in parts]
-    errors.append((beyond[0] ** 2, beyond[1]))
-    return math.sqrt(sum(variance for variance, _ in errors)), mixed_length(errors)
+            within = (
+                slice(top - first[0], inner[0].stop - first[0]),
+                slice(side - first[1], inner[1].stop - first[1]),
+            )
+            yield inner, outer, within

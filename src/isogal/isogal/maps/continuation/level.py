@@ -16,7 +16,7 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Values
 from isogal.errors import InputError
 from isogal.maps import spectral
-from isogal.maps.error_spectrum import ErrorSpectrum, mixed_length
+from isogal.maps.error_spectrum import ErrorSpectrum, Factor, mixed_length
 from isogal.maps.field_map import FieldMap
 from isogal.maps.spectral import Operator
 
@@ -76,78 +76,63 @@ def to_level(
     InputError
         Not a harmonic quantity, unknown height, no cut-off downwards, too many holes, bad size.
     """
-    field_map = trimmed(field_map)
-    check(field_map, height, edge)
-    where = field_map.provenance or "map"
-    rise = height - _start(field_map, from_height, where)
-    _check_cutoff(field_map, rise, cutoff, where)
-    missing = ~np.isfinite(field_map.values)
-    kept = spectral.inside(field_map, missing, EDGE * abs(rise) if edge is None else edge)
-    values, offset = filled(field_map, missing)
-    factors = _Factors(rise, cutoff)
-    operators: list[Operator] = [lambda waves: factors.continued(waves.size)]
-    if cutoff is not None:
-        operators.append(lambda waves: 1.0 - factors.passed(waves.size))
-    result = spectral.transformed(field_map, values, operators, TAPER, antisymmetric=True)
-    left_out = factors.growth * float(np.sqrt(np.mean(result[1:, kept] ** 2))) if cutoff else 0.0
-    errors = _error(field_map, factors, left_out)
-    result[0] += offset
-    result[0][~kept] = np.nan
-    return at_level(field_map, result[0], errors, height)
-
-
-class _Factors:
-    """Factors of a continuation at wavenumbers (rad/m)."""
-
-    def __init__(self, rise: float, cutoff: float | None) -> None:
-        self.rise, self.cutoff = rise, cutoff
-        self.highest = math.inf if cutoff is None else 2.0 * math.pi / cutoff
-
-    def passed(self, wavenumber: Array) -> Array:
-        """Return the share of each wave that is kept."""
-        place = np.clip((wavenumber / self.highest - _KEPT) / (1.0 - _KEPT), 0.0, 1.0)
-        return np.asarray(0.5 + 0.5 * np.cos(math.pi * place))
-
-    def continued(self, wavenumber: Array) -> Array:
-        """Return the factor of the continuation."""
-        grown = np.exp(-self.rise * np.minimum(wavenumber, self.highest))
-        return np.asarray(grown * self.passed(wavenumber))
-
-    @property
-    def growth(self) -> float:
-        """Factor of the continuation at the cut-off."""
-        return 1.0 if self.cutoff is None else math.exp(-self.rise * self.highest)
-
-
-def _start(field_map: FieldMap, from_height: float | None, where: str) -> float:
+    field_map, where = trimmed(field_map), field_map.provenance or "map"
+    check(field_map)
     start = field_map.height if from_height is None else from_height
     if start is None:
         raise InputError(
             f"{where}: does not say at which height its values hold; give from_height"
             " (--from-height), or the terrain (--terrain) for values on the ground"
         )
-    if not math.isfinite(start):
-        raise InputError(f"height to continue from must be finite, is {start}")
-    return start
+    rise = height - start
+    _check_cutoff(field_map, rise, cutoff, where)
+    missing = ~np.isfinite(field_map.values)
+    kept = spectral.inside(field_map, missing, EDGE * abs(rise) if edge is None else edge)
+    values, offset = filled(field_map, missing)
+    highest = math.inf if cutoff is None else 2.0 * math.pi / cutoff
+    passed, factor = _factors(rise, highest)
+    operators: list[Operator] = [lambda waves: factor(waves.size)]
+    if cutoff is not None:
+        operators.append(lambda waves: 1.0 - passed(waves.size))
+    result = spectral.transformed(field_map, values, operators, TAPER, antisymmetric=True)
+    left_out = 0.0
+    if cutoff is not None:
+        left_out = math.exp(-rise * highest) * float(np.sqrt(np.mean(result[1, kept] ** 2)))
+    errors = _error(field_map, factor, left_out, 1.0 / highest)
+    values = np.where(kept, result[0] + offset, np.nan)
+    return at_level(field_map, values, errors, height)
+
+
+def _factors(rise: float, highest: float) -> tuple[Factor, Factor]:
+    """Return the share of each wave that is kept below a highest wavenumber (rad/m), and the
+    factor of the continuation."""
+
+    def passed(wavenumber: Array) -> Array:
+        place = np.clip((wavenumber / highest - _KEPT) / (1.0 - _KEPT), 0.0, 1.0)
+        return np.asarray(0.5 + 0.5 * np.cos(math.pi * place))
+
+    def factor(wavenumber: Array) -> Array:
+        return np.asarray(np.exp(-rise * np.minimum(wavenumber, highest)) * passed(wavenumber))
+
+    return passed, factor
 
 
 def _check_cutoff(field_map: FieldMap, rise: float, cutoff: float | None, where: str) -> None:
+    """Raise InputError unless a cut-off wavelength (m) fits the way up or down (m)."""
     cell = field_map.cell
-    if rise >= 0.0:
-        if cutoff is not None:
-            raise InputError(
-                f"{where}: a cut-off wavelength is for downward continuation, this is"
-                f" {rise:g} m upwards"
-            )
-        return
-    if cutoff is None:
+    if rise >= 0.0 and cutoff is not None:
+        raise InputError(
+            f"{where}: a cut-off wavelength is for downward continuation, this is {rise:g} m"
+            " upwards"
+        )
+    if rise < 0.0 and cutoff is None:
         growth = math.exp(min(-rise * math.pi / max(cell), 700.0))
         raise InputError(
             f"{where}: {-rise:g} m down the shortest waves of the map grow {growth:.3g} times, and"
             " their errors with them; give a cut-off wavelength (--downward-cutoff, km)"
         )
-    width = min(size * count for size, count in zip(cell, field_map.values.shape, strict=True))
-    if not 2.0 * max(cell) <= cutoff <= width:
+    width = min(size * count for size, count in zip(cell, field_map.shape, strict=True))
+    if cutoff is not None and not 2.0 * max(cell) <= cutoff <= width:
         raise InputError(
             f"{where}: the cut-off wavelength must be {2e-3 * max(cell):.3g} (two cells) to"
             f" {1e-3 * width:.3g} km (the map), is {1e-3 * cutoff:g}"
@@ -155,34 +140,29 @@ def _check_cutoff(field_map: FieldMap, rise: float, cutoff: float | None, where:
 
 
 def _error(
-    field_map: FieldMap, factors: _Factors, left_out: float
+    field_map: FieldMap, factor: Factor, left_out: float, length: float
 ) -> tuple[float | Array, float | None]:
-    """Return sigma and correlation length (m) of the result; `left_out` is the 1-sigma of the
-    waves beyond the cut-off."""
+    """Return sigma and correlation length (m) of the result, from the factor of the continuation,
+    and 1-sigma and length (m) of the waves beyond the cut-off."""
     spectrum = ErrorSpectrum.of_map(field_map)
-    gain = spectrum.gain(factors.continued)
-    steps = spectrum.rounding * spectrum.white_gain(factors.continued)
-    own: float | Array = field_map.sigma * gain
+    gain = spectrum.gain(factor)
+    steps = spectrum.rounding * spectrum.white_gain(factor)
     parts = [
-        (left_out**2, factors.cutoff and factors.cutoff / (2.0 * math.pi)),
-        ((spectrum.sigma * gain) ** 2 + steps**2, spectrum.length(factors.continued)),
+        (left_out**2, length),
+        ((spectrum.sigma * gain) ** 2 + steps**2, spectrum.length(factor)),
     ]
-    total = np.sqrt(np.square(own) + steps**2 + left_out**2)
-    return float(total) if isinstance(own, float) else total, mixed_length(parts)
+    total = np.sqrt(np.square(field_map.sigma * gain) + steps**2 + left_out**2)
+    return total if np.ndim(total) else float(total), mixed_length(parts)
 
 
-def check(field_map: FieldMap, height: float, edge: float | None) -> None:
-    """Raise InputError unless a map can be continued to a height (m) and its rim cut (m)."""
+def check(field_map: FieldMap) -> None:
+    """Raise InputError unless a map can be continued."""
     if field_map.quantity not in FADING + OFFSET:
         reason = " (take the disturbance)" if field_map.quantity == "gravity" else ""
         raise InputError(
             f"{field_map.provenance or 'map'}: a map of {field_map.quantity} cannot be continued"
             f"{reason}; possible: {', '.join(FADING + OFFSET)}"
         )
-    if not math.isfinite(height):
-        raise InputError(f"height to continue to must be finite, is {height}")
-    if edge is not None and not (math.isfinite(edge) and edge >= 0.0):
-        raise InputError(f"edge of the continuation must be >= 0 m, is {edge}")
     spectral.check_plane(field_map, "continuations")
 
 

@@ -6,7 +6,7 @@ result. Nodes below the ground have no value."""
 
 import numpy as np
 
-from isogal.arrays import Array, Booleans
+from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.maps import spectral
 from isogal.maps.continuation.level import EDGE, TAPER, at_level, check, filled, trimmed
@@ -51,14 +51,19 @@ def from_terrain(
         Not a harmonic quantity, not a map of heights, a level below the ground, too many holes,
         too small or too large a map.
     """
-    field_map = trimmed(field_map)
-    check(field_map, height, edge)
-    where = field_map.provenance or "map"
+    field_map, where = trimmed(field_map), field_map.provenance or "map"
+    check(field_map)
     ground = _on_grid_of(field_map, terrain)
-    missing = ~(np.isfinite(field_map.values) & np.isfinite(ground))
-    _check_ground(ground, missing, height, where)
-    rise = height - ground
-    typical = float(np.median(rise[~missing & (rise >= 0.0)]))
+    missing, rise = ~(np.isfinite(field_map.values) & np.isfinite(ground)), height - ground
+    if (share := float(np.mean(missing))) > spectral.MOST_MISSING:
+        raise InputError(
+            f"{where}: on {100.0 * share:.0f} % of the map either its value or the height of the"
+            " terrain is missing"
+        )
+    above = rise[~missing & (rise >= 0.0)]
+    if not above.size:
+        raise InputError(f"{where}: {height:g} m is below the ground everywhere")
+    typical = float(np.median(above))
     kept = spectral.inside(field_map, missing, EDGE * typical if edge is None else edge)
     values, offset = filled(field_map, missing)
     ground[missing] = np.median(ground[~missing])
@@ -70,20 +75,6 @@ def from_terrain(
     if not np.isfinite(result).any():
         raise InputError(f"{where}: within the map's edges {height:g} m is below the ground")
     return at_level(field_map, result, errors, height, from_ground=True)
-
-
-def _check_ground(ground: Array, missing: Booleans, height: float, where: str) -> None:
-    share = float(np.mean(missing))
-    if share > spectral.MOST_MISSING:
-        raise InputError(
-            f"{where}: on {100.0 * share:.0f} % of the map either its value or the height of the"
-            " terrain is missing"
-        )
-    lowest = float(ground[~missing].min())
-    if height < lowest:
-        raise InputError(
-            f"{where}: {height:g} m is below the ground everywhere (lowest: {lowest:.0f} m)"
-        )
 
 
 def _on_grid_of(field_map: FieldMap, terrain: FieldMap) -> Array:

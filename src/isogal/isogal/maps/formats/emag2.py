@@ -16,7 +16,7 @@ from isogal.errors import InputError
 from isogal.files import reading
 from isogal.maps.axes import Window
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Asked, Format, grid_in_memory
+from isogal.maps.formats.format import Asked, FileGrid, Format
 from isogal.maps.formats.geotiff import open_raster
 from isogal.maps.formats.points import drop_gaps, grid_of_points, numbers
 
@@ -47,17 +47,22 @@ def _read(path: Path, asked: Asked, window: Window | None) -> FieldMap:
     column, height = _SURFACES[surface]
     where = f"{path}:{surface}"
     table = _rows(path, window, where)
-    latitude, longitude = table[:, _LATITUDE], table[:, _LONGITUDE]
-
-    def on_grid(values: Array) -> tuple[Array, Array, Array]:
-        return grid_of_points(latitude, longitude, drop_gaps(values, _GAP), where)
-
-    *axes, values = on_grid(table[:, column])
-    grid = grid_in_memory(where, (axes[0], axes[1]), values, "nT", "magnetic_anomaly")
-    error = on_grid(table[:, _ERROR])[2]
-    if np.isfinite(error[np.isfinite(values)]).all():
-        grid = replace(grid, sigma=lambda rows, columns: error[rows, columns])
-    return replace(grid, height=height).load(asked, window)
+    latitude, longitude, values, error = grid_of_points(
+        table[:, _LATITUDE],
+        table[:, _LONGITUDE],
+        *(drop_gaps(table[:, k], _GAP) for k in (column, _ERROR)),
+        where=where,
+    )
+    return FileGrid(
+        where=where,
+        latitude=latitude,
+        longitude=longitude,
+        values=values,
+        unit="nT",
+        quantity="magnetic_anomaly",
+        sigma=error if np.isfinite(error[np.isfinite(values)]).all() else 0.0,
+        height=height,
+    ).load(asked, window)
 
 
 def _surface(path: Path, asked: str | None) -> str:

@@ -29,7 +29,8 @@ class Asked(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class FileGrid:
-    """One grid of an open file: what the file says of it, and its numbers, read when asked for.
+    """One grid of an open file: what the file says of it, and its numbers, read when asked for or
+    before.
 
     The optional numbers below are fields of `FieldMap`; in the file's unit where they have one."""
 
@@ -39,12 +40,12 @@ class FileGrid:
     """(n,) rad, increasing."""
     longitude: Array
     """(m,) rad, increasing."""
-    read: Read
-    """Gives values (n, m)."""
+    values: Values | Read
+    """(n, m), NaN = missing; or what reads some of them."""
     unit: str | None = None
     quantity: str | None = None
     quantisation: float = 0.0
-    sigma: float | Read = 0.0
+    sigma: float | Array | Read = 0.0
     sigma_unit: str | None = None
     """None = that of the values."""
     correlation_length: float | None = None
@@ -64,15 +65,15 @@ class FileGrid:
             that the quantity cannot have, and what `FieldMap` raises.
         """
         part = part_within(self.latitude, self.longitude, window, self.where)
-        values = part.of(self.read)
+        values = part.of(self.values)
         quantity, unit, factor = said(
             asked.quantity or self.quantity, asked.unit or self.unit, self.where
         )
         check_plausible(value_range(values), quantity, factor, self.where)
         of_sigma = unit_factor(self.sigma_unit or unit, self.where)[1]
 
-        def at_nodes(read: Read) -> Array:
-            return np.asarray(part.of(read), dtype=np.float64)
+        def at_nodes(nodes: Array | Read) -> Array:
+            return np.asarray(part.of(nodes), dtype=np.float64)
 
         sigma = self.sigma if isinstance(self.sigma, float) else at_nodes(self.sigma)
         return FieldMap(
@@ -136,29 +137,3 @@ def file_format(name: str, suffixes: tuple[str, ...], opener: Opener, crs: bool 
             return grid.load(asked, window)
 
     return Format(name, lambda path: path.suffix.casefold() in suffixes, read, crs)
-
-
-def grid_in_memory(
-    where: str, axes: tuple[Array, Array], values: Values, unit: str | None, quantity: str | None
-) -> FileGrid:
-    """Return a grid whose numbers have been read.
-
-    Parameters
-    ----------
-    where : str
-        File and variable.
-    axes : (n,), (m,) rad
-        Latitude and longitude, increasing.
-    values : (n, m)
-        NaN = missing.
-    unit, quantity : str or None
-        As the file says; None = it does not.
-    """
-    return FileGrid(
-        where=where,
-        latitude=axes[0],
-        longitude=axes[1],
-        read=lambda rows, columns: values[rows, columns],
-        unit=unit,
-        quantity=quantity,
-    )

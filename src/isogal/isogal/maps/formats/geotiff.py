@@ -54,7 +54,7 @@ def open_raster(path: Path, asked: Asked, kind: str = "GeoTIFF") -> Iterator[Fil
                 where=origin,
                 latitude=math.radians(south) + math.radians(-turn.e) * north,
                 longitude=math.radians(west) + math.radians(turn.a) * east,
-                read=partial(_values, grid, band, scale, offset),
+                values=partial(_values, grid, band, scale, offset),
                 unit=source.units[band - 1] or None,
                 quantity=next((found for found in by_name if found), None),
                 quantisation=abs(scale) if numeric in "iu" else 0.0,
@@ -89,7 +89,7 @@ def _geographic(
 
     turn = source.transform
     plain = turn.b == turn.d == 0.0 and turn.a > 0.0 and turn.e < 0.0
-    if plain and _is_plain_geographic(system, source, where):
+    if plain and _is_plain_geographic(system, source):
         yield source, where
         return
     with WarpedVRT(
@@ -110,36 +110,27 @@ def _geographic(
 
 
 def _band(source: "DatasetReader", variable: str | None, where: str) -> int:
-    if variable is None:
-        if source.count != 1:
-            raise InputError(
-                f"{where}: has {source.count} bands ({source.descriptions}); give variable="
-                " (--variable, map.variable) a number or description"
-            )
+    """Return the number of the band that is asked for, from 1."""
+    named = [k for k, text in enumerate(source.descriptions, 1) if variable in (text, str(k))]
+    only = source.count == 1 and source.descriptions[0] is None
+    if (source.count == 1 and variable is None) or (only and quantity_of(variable or "")):
         return 1
-    if variable.isdecimal() and 1 <= int(variable) <= source.count:
-        return int(variable)
-    if variable in source.descriptions:
-        return int(source.descriptions.index(variable)) + 1
-    if source.count == 1 and source.descriptions[0] is None and quantity_of(variable):
-        return 1
+    if variable is not None and named:
+        return named[0]
     raise InputError(
-        f"{where}: has no band '{variable}'; bands 1 to {source.count}: {source.descriptions}"
+        f"{where}: has no band '{variable or '(none asked for)'}' but {source.count} bands"
+        f" ({source.descriptions}); give variable= (--variable, map.variable) a number or"
+        " description"
     )
 
 
-def _is_plain_geographic(system: "CRS", source: "DatasetReader", where: str) -> bool:
+def _is_plain_geographic(system: "CRS", source: "DatasetReader") -> bool:
     """Tell whether the grid's coordinates are longitude and latitude on WGS 84, or nearly so."""
     import pyproj
 
     if not system.is_geographic:
         return False
     bounds = source.bounds
-    if bounds.top > 90.0 + 1e-6 or bounds.bottom < -90.0 - 1e-6:
-        raise InputError(
-            f"{where}: latitudes {bounds.bottom:.6g} to {bounds.top:.6g} deg; axes swapped, or a"
-            " projected CRS?"
-        )
     middle = 0.5 * (bounds.left + bounds.right), 0.5 * (bounds.top + bounds.bottom)
     to_wgs84 = pyproj.Transformer.from_crs(
         pyproj.CRS.from_wkt(system.to_wkt()), "EPSG:4326", always_xy=True
@@ -154,26 +145,16 @@ def _is_plain_geographic(system: "CRS", source: "DatasetReader", where: str) -> 
 def _values(
     source: "DatasetReader", band: int, scale: float, offset: float, rows: slice, columns: slice
 ) -> Values:
-    """Return some values of a band, rows from the south.
-
-    Parameters
-    ----------
-    source : DatasetReader
-    band : int
-        From 1.
-    scale, offset : float
-        Of its numbers.
-    rows, columns : slice
-        From the south and from the west.
-    """
+    """Return some values of a band, whose numbers have a scale and an offset; rows are counted
+    from the south, columns from the west."""
     from rasterio.windows import Window
 
     down = source.height - rows.stop, source.height - rows.start
     cut = Window.from_slices(down, (columns.start, columns.stop))
     raw = source.read(band, window=cut, masked=True)
     values: Array = raw.data.astype(np.float64)
-    if scale != 1.0 or offset != 0.0:
-        values = values * scale + offset
+    values *= scale
+    values += offset
     values[np.ma.getmaskarray(raw) | ~np.isfinite(values)] = np.nan
     return values[::-1]
 

@@ -9,7 +9,6 @@ along the normal of the ellipsoid, at one height above it:
 pyshtools reads the coefficients and gives the Legendre functions and their derivatives."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ from isogal.errors import InputError
 from isogal.files import reading
 from isogal.maps.axes import Window, check_size
 from isogal.maps.field_map import FieldMap
-from isogal.maps.formats.format import Asked, Format, grid_in_memory
+from isogal.maps.formats.format import Asked, FileGrid, Format
 
 _J2 = 108263e-8
 """Of GRS80, its second zonal coefficient."""
@@ -34,10 +33,11 @@ _RIM = 4
 
 
 class Model(NamedTuple):
-    """A model, or what is left of it without the normal field."""
+    """A model's disturbing potential."""
 
     coefficients: Array
-    """(2, L + 1, L + 1) of cosines and sines by degree and order, fully normalised."""
+    """(2, L + 1, L + 1) of cosines and sines by degree and order, fully normalised, less those of
+    the normal field."""
     gm: float
     """m³/s²."""
     radius: float
@@ -48,16 +48,6 @@ class Model(NamedTuple):
         """L."""
         return int(self.coefficients.shape[1]) - 1
 
-    def without_normal_field(self) -> "Model":
-        """Return the model of the disturbing potential."""
-        left = self.coefficients.copy()
-        for n in range(min(_ZONALS, self.degree // 2 + 1)):
-            j = 3.0 * (-1.0) ** (n + 1) * E2**n / ((2 * n + 1) * (2 * n + 3))
-            j *= 1.0 - n + 5.0 * n * _J2 / E2
-            scale = GM / self.gm * (A / self.radius) ** (2 * n)
-            left[0, 2 * n, 0] += j * scale / math.sqrt(4 * n + 1)
-        return Model(left, self.gm, self.radius)
-
 
 def read_model(path: Path) -> Model:
     """Read a model; raises InputError."""
@@ -67,14 +57,19 @@ def read_model(path: Path) -> Model:
         raise InputError(f"{path}: no such file")
     with reading(path, "ICGEM model"):
         coefficients, gm, radius = read_icgem_gfc(str(path), quiet=True)
-    if not np.isfinite(coefficients).all() or coefficients.shape[1] < 3:
+    left = np.array(coefficients, dtype=np.float64)
+    if not np.isfinite(left).all() or left.shape[1] < 3:
         raise InputError(f"{path}: has no coefficients of degree 2 and more")
-    return Model(np.asarray(coefficients, dtype=np.float64), float(gm), float(radius))
+    for n in range(min(_ZONALS, (left.shape[1] + 1) // 2)):
+        j = 3.0 * (-1.0) ** (n + 1) * E2**n / ((2 * n + 1) * (2 * n + 3))
+        j *= 1.0 - n + 5.0 * n * _J2 / E2
+        scale = GM / gm * (A / radius) ** (2 * n)
+        left[0, 2 * n, 0] += j * scale / math.sqrt(4 * n + 1)
+    return Model(left, float(gm), float(radius))
 
 
 def disturbance(model: Model, latitude: Array, longitude: Array, height: float) -> Array:
-    """Return (n, m) the gravity disturbance, m/s², positive downwards, of a model without its
-    normal field.
+    """Return (n, m) the gravity disturbance of a model, m/s², positive downwards.
 
     Parameters
     ----------
@@ -135,9 +130,16 @@ def _read(path: Path, asked: Asked, window: Window | None) -> FieldMap:
         raise InputError(f"{where}: a model of degree {model.degree} needs a window")
     if window is None:
         longitude = longitude[_RIM:-_RIM]
-    values = disturbance(model.without_normal_field(), latitude, longitude, height)
-    grid = grid_in_memory(where, (latitude, longitude), values, "m/s²", "disturbance")
-    return replace(grid, height=height).load(asked, window)
+    values = disturbance(model, latitude, longitude, height)
+    return FileGrid(
+        where=where,
+        latitude=latitude,
+        longitude=longitude,
+        values=values,
+        unit="m/s²",
+        quantity="disturbance",
+        height=height,
+    ).load(asked, window)
 
 
 FORMAT = Format("gfc", lambda path: path.suffix.casefold() == ".gfc", _read)

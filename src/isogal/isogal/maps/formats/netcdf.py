@@ -54,14 +54,16 @@ def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
         if len(ellipse) < 3:
             ellipse = [read[of] for of in (f"{data.name}_error_length",) if of in read]
         stated = number_of(data, "error_stated")
+        packed = np.dtype(data.dtype).kind in "iu"
+        step = abs(float(getattr(data, "scale_factor", 1.0))) if packed else 0.0
         yield FileGrid(
             where=where,
             latitude=latitude.nodes,
             longitude=longitude.nodes,
-            read=read[data.name],
+            values=read[data.name],
             unit=text_of(data, "units"),
             quantity=quantity_in(data),
-            quantisation=number_of(data, "quantisation") or _step_of(data),
+            quantisation=number_of(data, "quantisation") or step,
             sigma=read[sigma] if sigma else number_of(data, "error_sigma") or 0.0,
             sigma_unit=text_of(dataset.variables[sigma], "units") if sigma else None,
             correlation_length=number_of(data, "error_correlation_length") or None,
@@ -113,39 +115,25 @@ def _check_classic(path: Path) -> None:
 
 
 def _choose(dataset: "Dataset", name: str | None, quantity: str | None, where: str) -> str:
-    grids = [
-        key
+    known = {
+        key: quantity_in(item)
         for key, item in dataset.variables.items()
         if item.ndim >= 2 and np.dtype(item.dtype).kind in "iuf"
-    ]
+    }
+    each = ", ".join(f"{key} ({found or 'of nothing said'})" for key, found in known.items())
     if name is not None:
-        if name not in dataset.variables:
-            raise InputError(
-                f"{where}: has no variable '{name}'; it has"
-                f" {', '.join(dataset.variables) or 'none'}"
-            )
-        if name not in grids:
-            raise InputError(
-                f"{where}: variable '{name}' is not a grid of numbers; grids:"
-                f" {', '.join(grids) or 'none'}"
-            )
+        if name not in known:
+            raise InputError(f"{where}: has no grid '{name}'; it has {each or 'none'}")
         return name
-    known = {key: quantity_in(dataset.variables[key]) for key in grids}
-    fitting = [key for key in grids if known[key] is not None and quantity in (None, known[key])]
+    fitting = [key for key, found in known.items() if found and quantity in (None, found)]
     if len(fitting) == 1:
         return fitting[0]
-    if not fitting and len(grids) == 1 and (quantity is None or known[grids[0]] is None):
-        return grids[0]
-    if not grids and "x_range" in dataset.variables:
-        raise InputError(
-            f"{where}: is a grid of GMT 3 (values in one dimension); convert it with 'gmt"
-            " grdconvert' first"
-        )
+    if len(known) == 1 and (quantity is None or None in known.values()):
+        return next(iter(known))
     asked = f"for {quantity}" if quantity else "to use"
-    each = [f"{key} ({known[key] or 'of nothing said'})" for key in grids]
     raise InputError(
         f"{where}: does not say which variable {asked}; give variable= (--variable, map.variable)"
-        f" one of {', '.join(each) or '(it has no grid)'}"
+        f" one of {each or '(it has no grid of two dimensions)'}"
     )
 
 
@@ -165,11 +153,9 @@ def text_of(data: "Variable", attribute: str) -> str | None:
 def number_of(data: "Variable", attribute: str) -> float | None:
     """Return an attribute that is a finite number; None where there is none."""
     value = getattr(data, attribute, None)
-    return (
-        float(value)
-        if isinstance(value, int | float | np.number) and math.isfinite(value)
-        else None
-    )
+    if isinstance(value, int | float | np.number) and math.isfinite(value):
+        return float(value)
+    return None
 
 
 class _Axis(NamedTuple):
@@ -231,20 +217,13 @@ def _axes(dataset: "Dataset", data: "Variable", where: str) -> tuple[_Axis, _Axi
             f"{where}: needs one latitude and one longitude dimension, has"
             f" ({', '.join(data.dimensions)})"
         )
-    latitude, longitude = (_axis(found[kind], kind, where) for kind in _SAYS)
-    if np.abs(latitude.nodes).max() > math.pi / 2 + 1e-9:
-        raise InputError(
-            f"{where}: latitudes reach {math.degrees(np.abs(latitude.nodes).max()):.6g} deg; axes"
-            " swapped, or not degrees?"
-        )
-    return latitude, longitude
+    return _axis(found["latitude"], where), _axis(found["longitude"], where, turns=True)
 
 
-def _axis(data: "Variable", kind: str, where: str) -> _Axis:
+def _axis(data: "Variable", where: str, turns: bool = False) -> _Axis:
+    """Return an axis; `turns`: it may pass 180 deg and go on at -180 deg."""
     if data.size > _LONGEST_AXIS:
-        raise InputError(
-            f"{where}: {data.name} has {data.size:,} nodes, at most {_LONGEST_AXIS:,} make sense"
-        )
+        raise InputError(f"{where}: {data.name} has {data.size:,} nodes, which makes no sense")
     nodes = unpacked(data, data[:])
     units = (text_of(data, "units") or "").casefold()
     if units.startswith("deg") or (
@@ -255,8 +234,7 @@ def _axis(data: "Variable", kind: str, where: str) -> _Axis:
         raise InputError(
             f"{where}: {data.name} has the unit '{units}'; it must say degrees or radians"
         )
-    if kind == "longitude":  # a grid may pass 180 deg and go on at -180 deg
-        nodes = np.unwrap(nodes)
+    nodes = np.unwrap(nodes) if turns else nodes
     flipped = bool(nodes.size > 1 and nodes[-1] < nodes[0])
     exact = regular_axis(nodes[::-1] if flipped else nodes, data.name, where)
     return _Axis(data.name, exact, flipped)
@@ -300,30 +278,17 @@ def unpacked(
     scale = float(getattr(data, "scale_factor", 1.0))
     offset = float(getattr(data, "add_offset", 0.0))
     values: Array = np.ma.filled(raw.astype(np.float64), np.nan)
-    if scale != 1.0 or offset != 0.0:
-        values *= scale
-        values += offset
+    values *= scale  # in place: grids may be large
+    values += offset
     return values
-
-
-def _step_of(data: "Variable") -> float:
-    """Return the step of values packed as whole numbers."""
-    return (
-        abs(float(getattr(data, "scale_factor", 1.0)))
-        if np.dtype(data.dtype).kind in "iu"
-        else 0.0
-    )
 
 
 def _sigma_of(dataset: "Dataset", data: "Variable", others: list[str]) -> str | None:
     """Return which of other variables on the grid holds the 1-sigma of ``data``, if one does."""
-    named = [
-        name
-        for name in (text_of(data, "ancillary_variables") or "").split()
-        if name in others
-        and "standard_error" in (text_of(dataset.variables[name], "standard_name") or "")
-    ]
-    names = (*named, f"{data.name}_sigma", "map_sigma")
+    said = {name: text_of(dataset.variables[name], "standard_name") or "" for name in others}
+    named = (text_of(data, "ancillary_variables") or "").split()
+    names = [name for name in named if "standard_error" in said.get(name, "")]
+    names += [f"{data.name}_sigma", "map_sigma"]
     return next((name for name in names if name in others), None)
 
 

@@ -13,64 +13,57 @@ from isogal.maps.axes import check_size
 
 
 def grid_of_points(
-    latitude: Array, longitude: Array, value: Array, where: str
-) -> tuple[Array, Array, Array]:
+    latitude: Array, longitude: Array, *columns: Array, where: str
+) -> tuple[Array, ...]:
     """Arrange points that lie on a regular grid, in any order; nodes without a point are NaN.
 
     Parameters
     ----------
     latitude, longitude : (N,) deg
-    value : (N,)
+    columns : (N,) each
+        Numbers at the points.
     where : str
         File, for messages.
 
     Returns
     -------
-    latitude (n,), longitude (m,) in rad, increasing, and values (n, m)
+    latitude (n,), longitude (m,) in rad, increasing, and each of the columns (n, m)
 
     Raises
     ------
     InputError
-        Points off a regular grid, the same node twice, latitudes that are none.
+        Points off a regular grid, the same node twice, coordinates that are none.
     """
-    if not latitude.size:
-        raise InputError(f"{where}: has no points")
-    if not (np.isfinite(latitude).all() and np.isfinite(longitude).all()):
-        raise InputError(f"{where}: a point has no coordinates")
-    if np.abs(latitude).max() > 90.0:
-        raise InputError(
-            f"{where}: latitudes reach {np.abs(latitude).max():.6g} deg; are the columns swapped?"
-        )
-    if np.abs(longitude).max() > 720.0:
-        raise InputError(
-            f"{where}: longitudes reach {np.abs(longitude).max():.6g} deg; is it a projected grid?"
-        )
+    for name, axis, most in (("latitude", latitude, 90.0), ("longitude", longitude, 720.0)):
+        if not (reach := float(np.abs(axis).max())) <= most:
+            raise InputError(
+                f"{where}: {name}s reach {reach:.6g} deg; are columns swapped, or is it a"
+                " projected grid?"
+            )
     rows, lat_axis = _axis(latitude, "latitude", where)
-    columns, lon_axis = _axis(longitude, "longitude", where)
-    check_size(lat_axis.size * lon_axis.size, where)
-    if lat_axis.size * lon_axis.size > 50 * value.size + 1000:
+    column, lon_axis = _axis(longitude, "longitude", where)
+    shape = lat_axis.size, lon_axis.size
+    check_size(math.prod(shape), where)
+    if math.prod(shape) > 50 * latitude.size + 1000:
         raise InputError(
-            f"{where}: {value.size} points would fill under 2 % of a {lat_axis.size} x"
-            f" {lon_axis.size} grid; not a grid"
+            f"{where}: {latitude.size} points would fill under 2 % of a {shape[0]} x {shape[1]}"
+            " grid; not a grid"
         )
-    node = rows * lon_axis.size + columns
+    node = rows * lon_axis.size + column
     if np.unique(node).size != node.size:
         raise InputError(f"{where}: two points lie on the same node of the grid")
-    values = np.full(lat_axis.size * lon_axis.size, np.nan)
-    values[node] = value
-    return np.radians(lat_axis), np.radians(lon_axis), values.reshape(lat_axis.size, lon_axis.size)
+    grids = np.full((len(columns), math.prod(shape)), np.nan)
+    grids[:, node] = columns
+    return np.radians(lat_axis), np.radians(lon_axis), *grids.reshape(-1, *shape)
 
 
 def _axis(coordinate: Array, name: str, where: str) -> tuple[Integers, Array]:
     """Return the index of each point along a regular axis, and the axis."""
     low, high = float(coordinate.min()), float(coordinate.max())
     steps = np.diff(np.unique(coordinate))
-    steps = steps[
-        steps > 1e-7
-    ]  # coordinates printed with few digits differ a little from row to row
-    if not steps.size:
-        raise InputError(f"{where}: all points have the same {name}")
-    nodes = round((high - low) / float(np.median(steps)))
+    # coordinates printed with few digits differ a little from row to row
+    steps = steps[steps > 1e-7]
+    nodes = round((high - low) / float(np.median(steps))) if steps.size else 0
     if not 3 <= nodes <= 10_000_000:
         raise InputError(f"{where}: {name} has {nodes + 1} nodes; at least 4 are needed")
     step = float((high - low) / nodes)
@@ -81,8 +74,7 @@ def _axis(coordinate: Array, name: str, where: str) -> tuple[Integers, Array]:
             f"{where}: the points do not lie on a regular grid: {name} is off by up to {worst:.3g}"
             f" of {step:.6g} deg"
         )
-    axis: Array = low + step * np.arange(nodes + 1, dtype=np.float64)
-    return index, axis
+    return index, low + step * np.arange(nodes + 1, dtype=np.float64)
 
 
 def numbers(lines: Iterable[str], columns: int, where: str, delimiter: str | None = None) -> Array:
@@ -125,7 +117,7 @@ def numbers(lines: Iterable[str], columns: int, where: str, delimiter: str | Non
 
 
 def drop_gaps(values: Array, gap: float | None) -> Array:
-    """Set the value that stands for "missing" to NaN."""
-    if gap is not None and math.isfinite(gap):
-        values = np.where(np.abs(values - gap) <= 1e-6 * max(abs(gap), 1e-3), np.nan, values)
-    return np.where(np.isfinite(values), values, np.nan)
+    """Set the value that stands for "missing" to NaN, and what is infinite."""
+    gap = math.nan if gap is None or math.isinf(gap) else gap
+    missing = np.abs(values - gap) <= 1e-6 * max(abs(gap), 1e-3)
+    return np.where(missing | ~np.isfinite(values), np.nan, values)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from isogal.errors import InputError
 from isogal.files import reading
-from isogal.maps.formats.format import Asked, FileGrid, file_format, grid_in_memory
-from isogal.maps.formats.points import drop_gaps, grid_of_points
+from isogal.maps.formats.format import Asked, FileGrid, file_format
+from isogal.maps.formats.points import grid_of_points
 from isogal.maps.gridding.reading import value_column
 from isogal.maps.gridding.rows import LATITUDE, LONGITUDE, Column, Rows, rows_of_text
 
@@ -29,15 +29,16 @@ def _open(path: Path, asked: Asked) -> Iterator[FileGrid]:
     ordered = asked.variable is not None and "," in asked.variable
     name = value_column(rows, _COLUMNS.values(), None if ordered else asked.variable)
     found = rows.read(_COLUMNS | {"value": Column((name,), gaps=True)}, tuple(_COLUMNS))
-    *axes, values = grid_of_points(
-        found["lat"], found["lon"], drop_gaps(found["value"], None), rows.where
+    latitude, longitude, values = grid_of_points(
+        found["lat"], found["lon"], found["value"], where=rows.where
     )
-    yield grid_in_memory(
-        f"{rows.where}:{name}",
-        (axes[0], axes[1]),
-        values,
-        rows.units.get(name),
-        rows.quantities.get(name),
+    yield FileGrid(
+        where=f"{rows.where}:{name}",
+        latitude=latitude,
+        longitude=longitude,
+        values=values,
+        unit=rows.units.get(name),
+        quantity=rows.quantities.get(name),
     )
 
 

@@ -1,27 +1,43 @@
 """GGMplus tiles from a mirror into a folder that `isogal.maps.ggmplus.reading` reads.
 
-The mirrors publish no checksums. So a tile is trusted when it is fetched for the first time: its
-SHA-256 goes into ``checksums.txt`` beside it, and from then on a tile that differs from it is
-refused or fetched again."""
+A download is resumed where it broke off and tried again. The mirrors publish no checksums. So a
+tile is trusted when it is fetched for the first time: its SHA-256 goes into ``checksums.txt``
+beside it, and from then on a tile that differs from it is refused or fetched again."""
 
-import contextlib
+import hashlib
+import http.client
 import re
-from collections.abc import Callable, Iterable, Iterator
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from isogal.errors import InputError
-from isogal.files import atomic_path, make_folder
+from isogal.files import make_folder, write_atomic
 from isogal.maps.axes import Window
 from isogal.maps.cache import locked
 from isogal.maps.corridor import Corridor
-from isogal.maps.ggmplus.download import AbsentError, Patience, check_base_url, download, sha256
 from isogal.maps.ggmplus.tiles import CELLS, KINDS, tile_name, tiles_of
 
 REGISTRY = "checksums.txt"
-_LINE = re.compile(r"(\S+)  ([0-9a-f]{64}|absent)")
+_CHUNK = 1 << 16
+_ABSENT = (404, 410)
+"""Statuses of HTTP that say that there is no such file."""
+_PAUSE = 1.0
+"""s before the second try; twice as long before each further one."""
+_AGAIN = (408, 425, 429, 500, 502, 503, 504)
+"""Statuses after which another try may help."""
+Progress = Callable[[str, int, int], None]
+"""Called with (tile, bytes there, bytes needed)."""
+
+
+class _AbsentError(Exception):
+    """The server says that there is no such file."""
 
 
 @dataclass
@@ -55,8 +71,9 @@ def fetch_tiles(
     base_url: str,
     folder: str | Path,
     *,
-    patience: Patience | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    timeout: float = 30.0,
+    tries: int = 5,
+    progress: Progress = lambda name, done, total: None,
 ) -> Fetched:
     """Fetch tiles that are not there yet.
 
@@ -68,10 +85,12 @@ def fetch_tiles(
         Folder on the server that holds the folders ``ga``, ``dg``, ...
     folder : path
         Made if it is not there.
-    patience : Patience, optional
-        How long to try.
+    timeout : float
+        s without a byte after which a try is given up.
+    tries : int
+        Tries in a row that bring nothing new.
     progress : callable, optional
-        Called with (tile, bytes there, bytes needed).
+        See `Progress`.
 
     Raises
     ------
@@ -79,13 +98,22 @@ def fetch_tiles(
         The server cannot be reached or has other files than tiles, a tile differs from its
         checksum, the folder cannot be written, or the server has none of the tiles.
     """
-    base_url, folder = check_base_url(base_url), Path(folder)
+    if not re.match(r"https?://[^/]", base_url):
+        raise InputError(f"--base-url {base_url}: must begin with http:// or https://")
+    base_url, folder, result = base_url.rstrip("/"), Path(folder), Fetched(str(folder))
     make_folder(folder)
-    result = Fetched(str(folder))
-    with _alone(folder):
-        known = read_registry(folder)
-        for name in names:
-            _one(name, base_url, folder, known, result, patience or Patience(), progress)
+    try:
+        with locked(folder / "fetch", wait=False) as mine:
+            if not mine:
+                raise InputError(f"{folder}: another isogal map fetch is at work here")
+            known = read_registry(folder / REGISTRY)
+            for name in names:
+                url = f"{base_url}/{name.rpartition('.')[2]}/{name}"
+                shown = partial(progress, name)
+                fetched = partial(_download, url, timeout=timeout, tries=tries, progress=shown)
+                _fetch(name, url, folder, known, result, fetched)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
     if names and not (result.downloaded or result.present):
         raise InputError(
             f"{base_url}: the server has none of the {len(names)} tiles ({names[0]}, ...); wrong"
@@ -94,94 +122,143 @@ def fetch_tiles(
     return result
 
 
-def _one(
+def _fetch(
     name: str,
-    base_url: str,
+    url: str,
     folder: Path,
     known: dict[str, str],
     result: Fetched,
-    patience: Patience,
-    progress: Callable[[str, int, int], None] | None,
+    download: Callable[[Path, int], None],
 ) -> None:
-    extension = name.rpartition(".")[2]
-    size = CELLS * CELLS * np.dtype(KINDS[extension].dtype).itemsize
-    url = f"{base_url}/{extension}/{name}"
-    path, new, expected = folder / name, folder / f".{name}.new", known.get(name)
-    digest = sha256(path) if path.is_file() and path.stat().st_size == size else None
-    if digest is not None and expected in (None, digest):  # as fetched, or not by this program
+    """Fetch one tile, by what downloads so many bytes into a file, and add what became of it to
+    `result` and to the `known` checksums."""
+    size = CELLS * CELLS * np.dtype(KINDS[name.rpartition(".")[2]].dtype).itemsize
+    path, part, expected = folder / name, folder / f".{name}.part", known.get(name)
+    if _size(path) == size and expected in (None, _sha256(path)):  # or not by this program
         result.present.append(name)
     else:
         try:
-            digest = download(
-                url,
-                new,
-                size,
-                patience,
-                (lambda done, total: progress(name, done, total)) if progress else None,
-            )
-        except AbsentError:
+            download(part, size)
+        except _AbsentError:
             result.absent.append(name)
             if expected is None:
                 return
             raise InputError(
                 f"{url}: the server has it no more; it had when {REGISTRY} was written"
             ) from None
-        if expected not in (None, digest):
-            new.unlink()
+        if expected not in (None, _sha256(part)):
+            part.unlink()
             raise InputError(
                 f"{url}: differs from the checksum of its first download in {folder / REGISTRY};"
                 " damaged on the way, or a new edition: remove its line there to trust it"
             )
-        new.replace(path)
+        part.replace(path)
         result.downloaded.append(name)
     if expected is None:
         result.trusted.append(name)
-        known[name] = digest
-        write_registry(folder, known)
+        known[name] = _sha256(path)
+        head = "# SHA-256 of each tile when it was first fetched (trusted then)\n"
+        lines = (f"{tile}  {digest}\n" for tile, digest in sorted(known.items()))
+        write_atomic(folder / REGISTRY, head + "".join(lines))
 
 
-@contextlib.contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Lock the folder against a second fetch."""
-    try:
-        with locked(folder / "fetch", wait=False) as mine:
-            if not mine:
-                raise InputError(f"{folder}: another isogal map fetch is at work here")
-            yield
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.is_file() else 0
 
 
-def read_registry(folder: Path) -> dict[str, str]:
-    """Return name and SHA-256 of the tiles once fetched into a folder.
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _download(
+    url: str,
+    part: Path,
+    size: int,
+    *,
+    timeout: float,
+    tries: int,
+    progress: Callable[[int, int], None],
+) -> None:
+    """Fetch what is missing of a file that must have so many bytes; what has arrived stays, and a
+    later call goes on from there.
 
     Raises
     ------
+    _AbsentError
+        There is no such file.
     InputError
-        A line that is none.
+        The server cannot be reached, refuses, or has a file of another size.
     """
-    path = folder / REGISTRY
-    if not path.exists():
-        return {}
+    fruitless, there = 0, _size(part)
+    while there != size:
+        reason = _append(url, part, size, timeout, progress)
+        before, there = there, _size(part)
+        fruitless = 0 if there > before else fruitless + 1
+        if there != size:
+            if fruitless >= tries:
+                raise InputError(f"{url}: {reason}; gave up after {tries} tries")
+            time.sleep(_PAUSE * 2.0 ** max(fruitless - 1, 0))
+
+
+def _append(
+    url: str, part: Path, size: int, timeout: float, progress: Callable[[int, int], None]
+) -> str:
+    """Try once to fetch what is missing; returns why something may still be."""
+    there = _size(part) if _size(part) <= size else 0
+    headers = {"User-Agent": "isogal", "Accept-Encoding": "identity"}
+    if there:
+        headers["Range"] = f"bytes={there}-"
+    with part.open("ab") as file:
+        try:
+            request = urllib.request.Request(url, headers=headers)
+            with urllib.request.urlopen(request, timeout=timeout) as answer:
+                if answer.status != 206:  # a server that does not resume
+                    there = 0
+                elif not answer.headers.get("Content-Range", "").startswith(f"bytes {there}-"):
+                    return "the server resumes elsewhere than asked"
+                file.truncate(there)
+                whole = there + int(answer.headers.get("Content-Length", size - there))
+                while whole == size and (chunk := answer.read(_CHUNK)):
+                    there += len(chunk)
+                    whole = max(whole, there)
+                    file.write(chunk)
+                    progress(min(there, size), size)
+        except urllib.error.HTTPError as error:
+            if error.code in _ABSENT:
+                part.unlink()
+                raise _AbsentError from None
+            if error.code in _AGAIN:
+                return f"the server answers {error.code} {error.reason}"
+            raise InputError(f"{url}: the server answers {error.code} {error.reason}") from None
+        except (
+            urllib.error.URLError,
+            http.client.HTTPException,
+            ConnectionError,
+            TimeoutError,
+        ) as error:
+            reason = getattr(error, "reason", None) or error
+            if isinstance(reason, TimeoutError):
+                return f"no answer within {timeout:g} s"
+            return f"cannot be reached ({reason or type(reason).__name__}); offline?"
+    if whole != size:
+        part.unlink()
+        raise InputError(
+            f"{url}: the server's file has {whole} bytes, a tile has {size}; wrong address?"
+        )
+    return f"the connection broke off at {there} of {size} bytes"
+
+
+def read_registry(path: Path) -> dict[str, str]:
+    """Return name and SHA-256 of the tiles once fetched, by the file that says it; raises
+    InputError where it has a line that does not."""
+    text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
     known = {}
-    for number, line in enumerate(
-        path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1
-    ):
-        if not line.strip() or line.startswith("#"):
-            continue
-        match = _LINE.fullmatch(line.strip())
-        if not match:
-            raise InputError(
-                f"{path} (line {number}): must be a file name, two blanks and a SHA-256"
-            )
-        if match.group(2) != "absent":  # earlier versions wrote which tiles the server had not
-            known[match.group(1)] = match.group(2)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.strip() and not line.startswith("#"):
+            if not (match := re.fullmatch(r"(\S+)  ([0-9a-f]{64})", line.strip())):
+                raise InputError(
+                    f"{path} (line {number}): must be a file name, two blanks and a SHA-256"
+                )
+            known[match[1]] = match[2]
     return known
-
-
-def write_registry(folder: Path, known: dict[str, str]) -> None:
-    """Write the registry, whole or not at all."""
-    head = "# SHA-256 of each tile when it was first fetched (trusted then)\n"
-    lines = "".join(f"{name}  {digest}\n" for name, digest in sorted(known.items()))
-    with atomic_path(folder / REGISTRY) as temporary:
-        temporary.write_text(head + lines, encoding="utf-8")

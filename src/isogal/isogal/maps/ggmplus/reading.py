@@ -20,6 +20,7 @@ from isogal.maps.ggmplus.tiles import (
     cells_of,
     extent_of,
     map_of_cells,
+    overlap,
     places_of,
     tile_name,
 )
@@ -70,26 +71,19 @@ def read_ggmplus(path: Path, asked: Asked, window: Window | None = None) -> Fiel
 
 def _extension(path: Path, there: set[str], variable: str | None, quantity: str | None) -> str:
     """Return which kind of tiles to read, of those that are there."""
-    if variable is not None and variable not in KINDS:
+    if variable is not None:
+        fitting = [variable] if variable in KINDS else []
+    else:
+        fitting = sorted(there) if quantity is None else list(KINDS)
+    fitting = [one for one in fitting if quantity in (None, KINDS[one].quantity)]
+    if len(fitting) != 1:
+        known = ", ".join(f"{one} ({kind.quantity})" for one, kind in KINDS.items())
+        asked = f"{variable or 'one variable'} of {quantity or 'any quantity'}"
         raise InputError(
-            f"{path}: GGMplus has no variable '{variable}'; it has {', '.join(KINDS)}"
+            f"{path}: cannot tell what is meant by {asked}; give variable= (--variable,"
+            f" map.variable) one of {known}; there are {', '.join(sorted(there)) or 'none'}"
         )
-    if variable is None:
-        fitting = [
-            extension
-            for extension in (sorted(there) if quantity is None else KINDS)
-            if quantity in (None, KINDS[extension].quantity)
-        ]
-        if len(fitting) != 1:
-            asked = f"a {quantity} map" if quantity else "the variable to use"
-            raise InputError(
-                f"{path}: cannot tell {asked}; give variable= (--variable, map.variable) one of"
-                f" {', '.join(sorted(there)) or ', '.join(KINDS)}"
-            )
-        variable = fitting[0]
-    if quantity is not None and quantity != KINDS[variable].quantity:
-        raise InputError(f"{path}: {variable} is {KINDS[variable].quantity}, not {quantity}")
-    return variable
+    return fitting[0]
 
 
 def _read_window(folder: Path, extension: str, window: Window) -> FieldMap:
@@ -119,11 +113,9 @@ def _read_tile(path: Path, kind: Kind, place: tuple[int, int], values: Array) ->
             f"{path}: has {size} bytes, a GGMplus {path.suffix[1:]} tile has {expected}; cut"
             " short?"
         )
-    top, left = place
-    there = values[max(top, 0) : top + CELLS, max(left, 0) : left + CELLS]
     with reading(path):  # mapped: only what is looked at takes memory
         tile = np.memmap(path, dtype, "r", shape=(CELLS, CELLS)).T
-    raw = tile[max(-top, 0) :, max(-left, 0) :][: there.shape[0], : there.shape[1]]
+    there, raw = overlap(values, tile, place)
     np.multiply(raw, kind.step, out=there)
     there[raw == kind.no_data] = np.nan
     found = value_range(there)

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from isogal.arrays import Array
 from isogal.maps.axes import MARGIN, TWO_PI, Window
@@ -81,6 +82,16 @@ def places_of(rows: range, columns: range, side: int) -> dict[Tile, list[tuple[i
     return places
 
 
+def overlap(
+    values: Array, tile: NDArray[np.integer], place: tuple[int, int]
+) -> tuple[Array, NDArray[np.integer]]:
+    """Return the parts of values (n, m) and of a tile that are the same cells, as views; the first
+    cell of the tile belongs at row, column `place`."""
+    top, left = place
+    there = values[max(top, 0) : top + len(tile), max(left, 0) : left + tile.shape[1]]
+    return there, tile[max(-top, 0) :, max(-left, 0) :][: there.shape[0], : there.shape[1]]
+
+
 def map_of_cells(
     rows: range, columns: range, values: Array, quantity: str, step: float, provenance: str
 ) -> FieldMap:
@@ -101,20 +112,15 @@ def map_of_cells(
 def cells_of(window: Window) -> tuple[range, range]:
     """Return rows (from the south pole) and columns (from Greenwich, continuous) of a window and
     its margin."""
-    east = (
-        window.east
-        if window.east >= window.west
-        else window.west + (window.east - window.west) % TWO_PI
-    )
+    south, north, west, east = window[:4]
+    if east < west:
+        east = west + (east - west) % TWO_PI
     south, north, west, east = (
-        math.degrees(x) / STEP_DEG for x in (window.south, window.north, window.west, east)
+        math.floor(math.degrees(x) / STEP_DEG) for x in (south, north, west, east)
     )
-    low, high = math.floor(south) + _UP // 2 - MARGIN, math.floor(north) + _UP // 2 + MARGIN + 1
-    left, right = (
-        math.floor(west) - MARGIN,
-        min(math.floor(east) + MARGIN + 1, math.floor(west) - MARGIN + _ACROSS),
-    )
-    return range(max(low, 0), min(high, _UP)), range(left, right)
+    rows = range(max(south + _UP // 2 - MARGIN, 0), min(north + _UP // 2 + MARGIN + 1, _UP))
+    left = west - MARGIN
+    return rows, range(left, min(east + MARGIN + 1, left + _ACROSS))
 
 
 def extent_of(names: Iterable[str]) -> Window:

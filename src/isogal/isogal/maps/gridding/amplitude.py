@@ -20,14 +20,15 @@ Variances of the field's errors are multiplied by a²; the noise of readings is 
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.groups import Groups
 from isogal.maps.gridding.survey import blocks_of
-from isogal.maps.gridding.validation import folds
+from isogal.maps.gridding.validation import LeftOut, folds
 
 _NEIGHBOURS = 16
 _NEAR_BLOCKS = 60
@@ -68,212 +69,100 @@ class _Blocks:
         return cls(centre, groups.mean(value), groups.count, part[groups.first])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rough:
-    """The factor that follows the roughness."""
-
-    blocks: _Blocks
-    """Variances about local planes (`_local_variance`)."""
-    width: float
-    """1-sigma of the Gaussian weights that these are smoothed with, m."""
-    usual: float = 1.0
-    """r0²."""
-    log_factor: float = 0.0
-    power: float = 1.0
-    least: float = 0.0
-    share_power: float = 0.0
-
-    def roughness(self, places: Array, without: Integers | None = None) -> Array:
-        """Return (P,) r² at places (P, 2+), each without the readings of some part (P,)."""
-        from scipy.spatial import cKDTree
-
-        blocks = self.blocks
-        tree, most = cKDTree(blocks.centre), min(_NEAR_BLOCKS, len(blocks.count))
-        out = np.empty(len(places))
-        for rows in _pieces(len(places), 20_000):
-            distance, near = (one.reshape(-1, most) for one in tree.query(places[rows, :2], most))
-            if without is not None:
-                distance = np.where(blocks.part[near] == without[rows, None], np.inf, distance)
-            nearest = distance.min(axis=1, keepdims=True)
-            nearest[~np.isfinite(nearest)] = 0.0
-            # relative to the nearest block, so that places far from all have a value as well
-            weight = np.exp(-0.5 * (distance**2 - nearest**2) / self.width**2)
-            weight = blocks.count[near] * weight + 1e-12
-            out[rows] = (weight * blocks.value[near]).sum(axis=1) / weight.sum(axis=1)
-        return out
-
-    def at(self, places: Array, share: Array, without: Integers | None = None) -> Array:
-        """Return (P,) the factor of the variance, as `Amplitude.at` does."""
-        return self.of(self.roughness(places, without) / self.usual, share)
-
-    def of(self, ratio: Array, share: Array) -> Array:
-        """Return the factor where the roughness is a ratio to the usual one."""
-        log_share = np.log(np.maximum(share, _LEAST_SHARE))
-        log_factor = self.log_factor + self.power * np.log(self.least + ratio)
-        return np.asarray(np.exp(np.clip(log_factor + self.share_power * log_share, -30.0, 30.0)))
+Factor = Callable[[Array, Array, Integers | None], Array]
+"""Gives the factor of the variance (P,) at places (P, 2+), where a share (P,) of the field's
+variance is left between readings; each as if the readings of some part (P,) had been left out."""
+_Learner = Callable[[Array, LeftOut], Factor]
+"""Learns a factor from errors whose roughness (M,) is known."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Smooth:
-    """What is left, place by place."""
+def learn_amplitude(places: Array, value: Array, errors: LeftOut) -> tuple[Factor, Array]:
+    """Learn the factor; return also that of each error (M,) as it is learnt without the lines (or
+    blocks) of a set that the error is of.
 
-    blocks: _Blocks
-    """Squared errors over the variances that were expected."""
-    side: float
-    """Of a block, m."""
-    width: float
-    """1-sigma of the weights, m."""
-    count: float = math.inf
-    """n; infinite = no place differs from another."""
+    Parameters
+    ----------
+    places, value : (N, 2+) m, (N,)
+        Of all readings.
+    errors : LeftOut
+    """
+    local, tried = _local_variance(places, value), []
+    for width in (times * errors.length for times in _SMOOTHING):
+        blocks = _Blocks.of(places, local, errors.parts, 0.5 * width)
+        rough = partial(_roughness, blocks, width)
+        tried.append((rough, rough(errors.places, errors.part)))
+    rough, known = min(tried, key=lambda one: _validated(one[1], errors))
 
-    def at(self, places: Array, without: Integers | None = None) -> Array:
-        """Return (P,) the factor of the variance, as `Amplitude.at` does."""
-        out = np.ones(len(places))
-        if not math.isfinite(self.count):
-            return out
-        for rows in _pieces(len(places), 4096):
-            square = _square_distances(places[rows], self.blocks.centre)
-            weight = np.exp(-0.5 * square / self.width**2)
-            if without is not None:
-                weight[self.together(square, without[rows])] = 0.0
-            total = self.count + weight.sum(axis=1)
-            out[rows] = (self.count + weight @ self.blocks.value) / total
-        return out
+    def unscaled(roughness: Array, errors: LeftOut) -> Factor:
+        of_rough = _fitted_rough(roughness, errors)
+        ratio = errors.scaled(of_rough(roughness, errors.share)).ratio
+        of_rest = _fitted_smooth(errors.places, ratio, errors.part, errors.length)
+        return lambda places, share, without: (
+            of_rough(rough(places, without), share) * of_rest(places, without)
+        )
 
-    def together(self, square: Array, part: Integers) -> Booleans:
-        """Return (P, B) whether blocks were left out with places of a part (P,), and lie next to
-        them by their squared distance (P, B)."""
-        near = square < (_TOGETHER * self.side) ** 2
-        return np.asarray((part[:, None] == self.blocks.part) & near)
+    def scaled(roughness: Array, errors: LeftOut) -> Factor:
+        factor, apart = _by_others(unscaled, roughness, errors)
+        scale = math.exp(errors.scale(apart))
+        return lambda places, share, without: scale * factor(places, share, without)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Errors:
-    """M readings that were left out, as the factor is learnt from them."""
-
-    places: Array
-    """(M, 2+) m."""
-    part: Integers
-    """(M,) of the survey that each was left out with."""
-    square: Array
-    """(M,) squared errors."""
-    field: Array
-    """(M,) variance expected of the field."""
-    noise: Array
-    """(M,) variance of the noise."""
-    share: Array
-    """(M,) of `field` in the field's own variance."""
-    length: float
-    """m, over which errors hold together."""
-
-    def __getitem__(self, rows: Booleans) -> "Errors":
-        names = ("places", "part", "square", "field", "noise", "share")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
-
-    def cost(self, factor: Array) -> float:
-        """Return minus the mean log-likelihood with a factor (M,) of the field's variance."""
-        variance = self.field * factor + self.noise
-        return 0.5 * float(np.mean(np.log(variance) + self.square / variance))
-
-    def scale(self, factor: Array) -> float:
-        """Return the logarithm of the number that a factor (M,) is to be multiplied by for the
-        mean squared normalised error to be 1."""
-        low, high = -10.0, 10.0
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            variance = self.field * factor * math.exp(middle) + self.noise
-            more = np.mean(self.square / variance) > 1.0
-            low, high = (middle, high) if more else (low, middle)
-        return low
+    return _by_others(scaled, known, errors)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Amplitude:
-    """Factor of the variance, place by place."""
-
-    rough: _Rough
-    smooth: _Smooth
-
-    @classmethod
-    def learnt(
-        cls, places: Array, value: Array, part: Integers, errors: Errors
-    ) -> tuple["Amplitude", Array]:
-        """Learn the factor; return also that of each error (M,) as it is learnt without the lines
-        (or blocks) of a set that the error is of.
-
-        Parameters
-        ----------
-        places, value, part : (N, 2+) m, (N,), (N,)
-            Of all readings; the part of the survey that each was left out with.
-        errors : Errors
-        """
-        local = _local_variance(places, value)
-        candidates = []
-        for width in (times * errors.length for times in _SMOOTHING):
-            rough = _Rough(_Blocks.of(places, local, part, 0.5 * width), width)
-            roughness = rough.roughness(errors.places, errors.part)
-            candidates.append((rough, roughness))
-        costs = [_validated(rough, roughness, errors) for rough, roughness in candidates]
-        rough, roughness = candidates[int(np.argmin(costs))]
-        return _by_others(_scaled, rough, roughness, errors)
-
-    def at(self, places: Array, share: Array, without: Integers | None = None) -> Array:
-        """Return (P,) the factor of the variance at places (P, 2+), where a share (P,) of the
-        field's variance is left between readings; each as if the readings of some part (P,) had
-        been left out."""
-        return self.rough.at(places, share, without) * self.smooth.at(places, without)
-
-    def describe(self) -> dict[str, float]:
-        """Return the parameters for a report."""
-        return {
-            "roughness_width_m": self.rough.width,
-            "roughness_power": self.rough.power,
-            "share_power": self.rough.share_power,
-            "smoothing_width_m": self.smooth.width if math.isfinite(self.smooth.count) else 0.0,
-        }
-
-
-def _by_others(
-    learnt: Callable[[_Rough, Array, Errors], Amplitude],
-    rough: _Rough,
-    roughness: Array,
-    errors: Errors,
-) -> tuple[Amplitude, Array]:
-    """Return the factor learnt from errors whose roughness (M,) is known, and that of each (M,) as
-    it is learnt from the other sets of lines (or blocks)."""
-    amplitude = learnt(rough, roughness, errors)
-    apart = amplitude.at(errors.places, errors.share, errors.part)
+def _by_others(learner: _Learner, roughness: Array, errors: LeftOut) -> tuple[Factor, Array]:
+    """Return the factor learnt from errors, and that of each (M,) as it is learnt from the other
+    sets of lines (or blocks)."""
+    factor = learner(roughness, errors)
+    apart = factor(errors.places, errors.share, errors.part)
     for out in folds(errors.part):
-        others, own = learnt(rough, roughness[~out], errors[~out]), errors[out]
-        apart[out] = others.at(own.places, own.share, own.part)
-    return amplitude, apart
+        others, own = learner(roughness[~out], errors[~out]), errors[out]
+        apart[out] = others(own.places, own.share, own.part)
+    return factor, apart
 
 
-def _scaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
-    amplitude, apart = _by_others(_unscaled, rough, roughness, errors)
-    log_factor = amplitude.rough.log_factor + errors.scale(apart)
-    return replace(amplitude, rough=replace(amplitude.rough, log_factor=log_factor))
-
-
-def _unscaled(rough: _Rough, roughness: Array, errors: Errors) -> Amplitude:
-    fitted = _fitted_rough(rough, roughness, errors)
-    factor = fitted.of(roughness / fitted.usual, errors.share)
-    ratio = errors.square / (errors.field * factor + errors.noise)
-    return Amplitude(fitted, _fitted_smooth(errors.places, ratio, errors.part, errors.length))
-
-
-def _validated(rough: _Rough, roughness: Array, errors: Errors) -> float:
+def _validated(roughness: Array, errors: LeftOut) -> float:
     """Return minus the mean log-likelihood of errors, each set of parts by what is learnt from
     the others."""
     factor = np.ones(len(roughness))
     for out in folds(errors.part):
-        fitted = _fitted_rough(rough, roughness[~out], errors[~out])
-        factor[out] = fitted.of(roughness[out] / fitted.usual, errors.share[out])
+        fitted = _fitted_rough(roughness[~out], errors[~out])
+        factor[out] = fitted(roughness[out], errors.share[out])
     return errors.cost(factor)
 
 
-def _fitted_rough(rough: _Rough, roughness: Array, errors: Errors) -> _Rough:
-    """Return the most likely factor with one smoothing, whose roughness (M,) is known."""
+def _roughness(
+    blocks: _Blocks, width: float, places: Array, without: Integers | None = None
+) -> Array:
+    """Return (P,) r² at places (P, 2+), each without the readings of some part (P,).
+
+    Parameters
+    ----------
+    blocks : _Blocks
+        Variances about local planes (`_local_variance`).
+    width : float
+        1-sigma of the Gaussian weights that these are smoothed with, m.
+    places, without
+    """
+    from scipy.spatial import cKDTree
+
+    tree, most = cKDTree(blocks.centre), min(_NEAR_BLOCKS, len(blocks.count))
+    out = np.empty(len(places))
+    for rows in _pieces(len(places), 20_000):
+        distance, near = (one.reshape(-1, most) for one in tree.query(places[rows, :2], most))
+        if without is not None:
+            distance = np.where(blocks.part[near] == without[rows, None], np.inf, distance)
+        nearest = distance.min(axis=1, keepdims=True)
+        nearest[~np.isfinite(nearest)] = 0.0
+        # relative to the nearest block, so that places far from all have a value as well
+        weight = np.exp(-0.5 * (distance**2 - nearest**2) / width**2)
+        weight = blocks.count[near] * weight + 1e-12
+        out[rows] = (weight * blocks.value[near]).sum(axis=1) / weight.sum(axis=1)
+    return out
+
+
+def _fitted_rough(roughness: Array, errors: LeftOut) -> Callable[[Array, Array], Array]:
+    """Return what gives the most likely factor (P,) from r² (P,) and the share (P,) that is left
+    between readings, by errors of which r² (M,) is known."""
     from scipy.optimize import minimize
 
     usual = float(np.median(roughness)) or 1.0
@@ -290,8 +179,8 @@ def _fitted_rough(rough: _Rough, roughness: Array, errors: Errors) -> _Rough:
         factor = np.exp(np.clip(p[0] + p[1] * log_rough + p[3] * log_share, -30.0, 30.0))
         own = errors.field * factor
         variance = own + errors.noise
-        total = 0.5 * float(np.mean(np.log(variance) + errors.square / variance))
-        slope = 0.5 * (1.0 - errors.square / variance) * own / variance
+        total = 0.5 * float(np.mean(np.log(variance) + errors.error**2 / variance))
+        slope = 0.5 * (1.0 - errors.error**2 / variance) * own / variance
         by = (1.0, log_rough, p[1] * least / (least + ratio), log_share)
         slopes = np.array([float(np.mean(slope * one)) for one in by])
         off = (p - middle) / width
@@ -304,36 +193,59 @@ def _fitted_rough(rough: _Rough, roughness: Array, errors: Errors) -> _Rough:
         method="L-BFGS-B",
         bounds=[(-10.0, 10.0), (0.0, 1.5), (-5.0, 3.0), (-0.7, 0.7)],
     )
-    log_factor, power, least, share_power = (float(one) for one in found.x)
-    return replace(
-        rough,
-        usual=usual,
-        log_factor=log_factor,
-        power=power,
-        least=math.exp(least),
-        share_power=share_power,
-    )
+    log_factor, power, log_least, share_power = found.x.tolist()
+
+    def factor(roughness: Array, share: Array) -> Array:
+        log_share = np.log(np.maximum(share, _LEAST_SHARE))
+        of_rough = log_factor + power * np.log(math.exp(log_least) + roughness / usual)
+        return np.asarray(np.exp(np.clip(of_rough + share_power * log_share, -30.0, 30.0)))
+
+    return factor
 
 
-def _fitted_smooth(places: Array, ratio: Array, part: Integers, side: float) -> _Smooth:
-    """Return the smoothed ratio of squared errors to their variances (M,) that predicts each block
+def _fitted_smooth(
+    places: Array, ratio: Array, part: Integers, side: float
+) -> Callable[[Array, Integers | None], Array]:
+    """Return what gives the smoothed ratio of squared errors to their variances (M,) at places
+    (P, 2+), each without the readings of some part (P,): with the weights that predict each block
     best from the others."""
     while len((blocks := _Blocks.of(places, ratio, part, side)).value) > _MOST_BLOCKS:
         side *= 1.25
-    best, block = _Smooth(blocks, side, side), blocks.value
+
+    def together(square: Array, part: Integers) -> Booleans:
+        """Return (P, B) whether blocks were left out with places of a part (P,), and lie next to
+        them by their squared distance (P, B)."""
+        near = square < (_TOGETHER * side) ** 2
+        return np.asarray((part[:, None] == blocks.part) & near)
+
+    best, value = (side, math.inf), blocks.value
     # not by chance alone
-    least = 0.5 * float(block.mean()) - _GAIN / len(block)
+    least = 0.5 * float(value.mean()) - _GAIN / len(value)
     square = _square_distances(blocks.centre, blocks.centre)
-    together = best.together(square, blocks.part)
-    for width in side * np.array(_WIDTHS):
-        weight = np.where(together, 0.0, np.exp(-0.5 * square / width**2))
-        near, total = weight @ block, weight.sum(axis=1)
-        for own in _COUNTS:
-            there = (own + near) / (own + total)
-            cost = 0.5 * float(np.mean(np.log(there) + block / there))
+    apart = ~together(square, blocks.part)
+    for width in (side * np.array(_WIDTHS)).tolist():
+        weight = np.where(apart, np.exp(-0.5 * square / width**2), 0.0)
+        near, total = weight @ value, weight.sum(axis=1)
+        for count in _COUNTS:
+            there = (count + near) / (count + total)
+            cost = 0.5 * float(np.mean(np.log(there) + value / there))
             if cost < least:
-                best, least = replace(best, width=float(width), count=own), cost
-    return best
+                best, least = (width, count), cost
+    width, count = best
+
+    def smoothed(places: Array, without: Integers | None) -> Array:
+        out = np.ones(len(places))
+        if not math.isfinite(count):  # no place differs from another
+            return out
+        for rows in _pieces(len(places), 4096):
+            square = _square_distances(places[rows], blocks.centre)
+            weight = np.exp(-0.5 * square / width**2)
+            if without is not None:
+                weight[together(square, without[rows])] = 0.0
+            out[rows] = (count + weight @ value) / (count + weight.sum(axis=1))
+        return out
+
+    return smoothed
 
 
 def _local_variance(places: Array, value: Array) -> Array:

@@ -15,16 +15,13 @@ Two kinds, each a sum of two parts, one short and one long:
 To it come the noise of the readings and an offset of each survey line."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.maps.error_ellipses import joint
-
-if TYPE_CHECKING:
-    from isogal.maps.gridding.strike import LocalStrike
 
 KINDS = ("matern", "harmonic")
 JITTER = 1e-8
@@ -79,13 +76,19 @@ class Covariance:
     """Of lengths along the strike and across it (matern)."""
     strike: float = 0.0
     """rad, from east to north."""
-    local: "LocalStrike | None" = None
-    """Strike of each place, instead of these two."""
+    local: Callable[[Array], Array] | None = None
+    """Strike of each place (`strike.local_strike`), instead of these two."""
 
     @property
     def variance(self) -> float:
         """Of the field at the lowest reading."""
         return sum(s**2 for s in self.sigma)
+
+    @property
+    def shortest(self) -> float:
+        """Distance (m) that matters across the strike."""
+        across = min(self.length) / math.sqrt(max(self.ratio, 1.0 / self.ratio))
+        return across if self.kind == "matern" else 2.0 * across
 
     @property
     def unresolved(self) -> float:
@@ -104,7 +107,7 @@ class Covariance:
                 apart = cdist(self.turned(here), self.turned(there))
             else:
                 way = np.stack([here[:, k, None] - there[:, k] for k in (1, 0)])
-                apart, alike = joint(way, self.local.at(here), self.local.at(there))
+                apart, alike = joint(way, self.local(here), self.local(there))
             total = np.zeros_like(apart)
             for sigma, length in zip(self.sigma, self.length, strict=True):
                 a = (math.sqrt(3.0) / length) * apart

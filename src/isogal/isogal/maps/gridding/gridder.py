@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -11,19 +10,18 @@ import numpy as np
 from isogal.arrays import Array, Booleans, Integers
 from isogal.errors import InputError
 from isogal.maps.field_map import FieldMap
-from isogal.maps.gridding.amplitude import Amplitude, Errors
+from isogal.maps.gridding.amplitude import Factor, learn_amplitude
 from isogal.maps.gridding.blunders import FAR, Named, named, spikes
 from isogal.maps.gridding.covariance import Covariance, Readings
 from isogal.maps.gridding.error_lengths import error_ellipses, error_lengths
-from isogal.maps.gridding.kriging import Kriging
+from isogal.maps.gridding.kriging import Kriging, in_groups
 from isogal.maps.gridding.learning import learn
-from isogal.maps.gridding.levelling import cross_overs, levelled, levelling_of
-from isogal.maps.gridding.reduction import Trend, block_reduced
+from isogal.maps.gridding.levelling import cross_overs, levelled
+from isogal.maps.gridding.reduction import block_reduced, fitted_trend
 from isogal.maps.gridding.spacing import gap_of, spacing_of
 from isogal.maps.gridding.strike import can_be_local, with_local_strike
 from isogal.maps.gridding.survey import Survey
 from isogal.maps.gridding.validation import LeftOut, far_off, leave_out
-from isogal.threads import available_cores
 
 METHODS = {"kriging": "matern", "equivalent-sources": "harmonic"}
 """Ways of gridding, and their covariances."""
@@ -39,12 +37,9 @@ _MOST_DEFAULT_NODES = 500_000
 _BLOCKS_IN_GAP = 16.0
 """Blocks between lines, where nobody says how large they are."""
 _FEWEST_LINES = 4  # that lines are left out of
+_LEVEL = 20.0  # m, 1-sigma of heights of readings that are taken to be on one level
 Progress = Callable[[str, int, int], None]
 """Called with the name of a step, how much of it is done, and of how much."""
-
-
-def _silent(step: str, done: int, most: int) -> None:
-    """Show nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +86,10 @@ class Model:
 
     survey: Survey
     """As gridded: levelled, in blocks."""
-    trend: Trend
+    trend: Callable[[Array], Array]
+    """Of the field, at places."""
     kriging: Kriging
-    amplitude: Amplitude
+    amplitude: Factor
     gap: float
     """m between lines (`spacing.gap_of`)."""
     report: dict[str, object] = field(default_factory=dict)
@@ -105,7 +101,7 @@ class Model:
         (equivalent sources only)."""
         places = self.places(latitude, longitude, height)
         mean, variance = self.kriging.at(places)
-        return mean + self.trend.at(places), self.sigma(places, variance)
+        return mean + self.trend(places), self.sigma(places, variance)
 
     def sigma(self, places: Array, variance: Array) -> Array:
         """Return the 1-sigma of what is read at places (P, 3) about the map, where the
@@ -113,7 +109,7 @@ class Model:
         readings, which may be the field as well as noise, and with offsets of lines. A reading's
         known sigma is not part of it."""
         share = variance / self.covariance.variance_at(places)
-        of_field = variance * self.amplitude.at(places, share)
+        of_field = variance * self.amplitude(places, share, None)
         return np.asarray(np.sqrt(of_field + self.covariance.unresolved))
 
     def places(
@@ -135,7 +131,9 @@ class Model:
         return self.kriging.covariance
 
 
-def learn_model(survey: Survey, settings: GridSettings, progress: Progress = _silent) -> Model:
+def learn_model(
+    survey: Survey, settings: GridSettings, progress: Progress = lambda step, done, most: None
+) -> Model:
     """Learn covariance, amplitude and noise from a survey, and check them on readings left out.
     Readings that those around them contradict are set aside (`isogal.maps.gridding.blunders`).
 
@@ -174,8 +172,8 @@ def _learnt(
     gap = gap_of(survey)
     given, (survey, report) = survey, _prepared(survey, settings, gap)
     places = survey.places
-    trend = Trend.fitted(places, survey.value, settings.trend)
-    value = survey.value - trend.at(places)
+    trend = fitted_trend(places, survey.value, settings.trend)
+    value = survey.value - trend(places)
     readings = Readings(places, value, survey.sigma, survey.line)
     found = _candidates(readings, settings, by, gap, progress)
     # of the mean error, not of its RMS, which a few readings decide
@@ -185,17 +183,7 @@ def _learnt(
     sure = LOCAL in found and found[LOCAL][1].surely_nearer(found["kriging"][1])
     method = min((one for one in off if sure or one != LOCAL), key=off.__getitem__)
     kriging, out = found[method]
-    share = (out.variance - out.noise) / kriging.covariance.variance_at(places[out.rows])
-    errors = Errors(
-        places[out.rows],
-        out.part[out.rows],
-        out.error**2,
-        out.variance - out.noise,
-        out.noise,
-        share,
-        _shortest(kriging.covariance),
-    )
-    amplitude, apart = Amplitude.learnt(places, value, out.part, errors)
+    amplitude, apart = learn_amplitude(places, value, out)
     out = out.scaled(apart)
     far = far_off(given, survey, out)
     report |= {
@@ -204,7 +192,6 @@ def _learnt(
         "covariance": kriging.covariance.describe(),
         "left_out": {"by": by} | out.figures(),
         "far_off": far,
-        "amplitude": amplitude.describe(),
     }
     return Model(survey, trend, kriging, amplitude, gap, report), far
 
@@ -219,9 +206,8 @@ def _candidates(
     def tried(
         name: str, kriging: Kriging, without: Callable[[Booleans], Kriging] | None = None
     ) -> None:
-        side = 2.0 * _shortest(kriging.covariance)
         shown = partial(progress, f"left out: {name}")
-        found[name] = kriging, leave_out(kriging, by, side, shown, without)
+        found[name] = kriging, leave_out(kriging, by, shown, without)
 
     for method, kind in METHODS.items():
         if chosen not in (AUTO, method):
@@ -263,9 +249,8 @@ def _prepared(
         report["lines"] = int(np.unique(survey.line).size)
     if settings.level:
         crossings = cross_overs(survey)
-        levelling = levelling_of(survey, crossings)
-        survey = levelled(survey, levelling)
-        report["cross_overs"] = {"before": crossings.figures(), "after": levelling.figures()}
+        survey, left = levelled(survey, crossings)
+        report["cross_overs"] = {"before": crossings.figures(), "after": left}
     block = settings.block
     if block is None:
         block = 0.5 * settings.spacing if settings.spacing else gap / _BLOCKS_IN_GAP
@@ -273,14 +258,8 @@ def _prepared(
     return survey, report | {"blocks": len(survey)}
 
 
-def _shortest(covariance: Covariance) -> float:
-    """Return the distance (m) that matters across the strike."""
-    across = min(covariance.length) / math.sqrt(max(covariance.ratio, 1.0 / covariance.ratio))
-    return across if covariance.kind == "matern" else 2.0 * across
-
-
 def grid_survey(
-    survey: Survey, settings: GridSettings, progress: Progress = _silent
+    survey: Survey, settings: GridSettings, progress: Progress = lambda step, done, most: None
 ) -> tuple[FieldMap, Model]:
     """Make a map of a survey.
 
@@ -298,7 +277,7 @@ def grid_survey(
     """
     model = learn_model(survey, settings, progress)
     latitude, longitude = _nodes(model, settings)
-    shape = (latitude.size, longitude.size)
+    shape = latitude.size, longitude.size
     nodes = np.meshgrid(latitude, longitude, indexing="ij")
     places = model.places(nodes[0].ravel(), nodes[1].ravel(), settings.height)
     at = _at_nodes(model, places, progress)
@@ -330,9 +309,8 @@ def grid_survey(
 def _at_nodes(model: Model, places: Array, progress: Progress) -> dict[str, Array]:
     """Return value, sigma and length (P,) and ellipse (P, 3) of the error at nodes (P, 3); NaN
     where nothing is known."""
-    count, done = len(places), 0
-    at = {name: np.full(count, np.nan) for name in ("value", "variance", "length")}
-    at["ellipse"] = np.full((count, 3), np.nan)
+    at = {name: np.full(len(places), np.nan) for name in ("value", "variance", "length")}
+    at["ellipse"] = np.full((len(places), 3), np.nan)
 
     def kriged(rows: Integers) -> dict[str, Array]:
         mean, covariance = model.kriging.together(places[rows])
@@ -344,16 +322,13 @@ def _at_nodes(model: Model, places: Array, progress: Progress) -> dict[str, Arra
             "ellipse": error_ellipses(places[rows], covariance, length),
         }
 
-    groups = list(model.kriging.groups(places))
-    with ThreadPoolExecutor(available_cores()) as pool:  # linear algebra leaves Python's lock
-        for rows, found in zip(groups, pool.map(kriged, groups), strict=True):
-            for name, values in found.items():
-                at[name][rows] = values
-            done += rows.size
-            progress("nodes", done, count)
+    groups = model.kriging.groups(places)
+    for rows, found in in_groups(kriged, groups, partial(progress, "nodes")):
+        for name, values in found.items():
+            at[name][rows] = values
     variance = at.pop("variance")
     unknown = variance > _UNKNOWN**2 * model.covariance.variance_at(places)
-    at["value"] += model.trend.at(places)
+    at["value"] += model.trend(places)
     at["sigma"] = model.sigma(places, variance)
     for values in at.values():
         values[unknown] = np.nan
@@ -370,7 +345,11 @@ def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
             f"{survey.where}: height {settings.height:g} m is below the lowest reading"
             f" ({survey.floor:.0f} m)"
         )
-    spacing = settings.spacing or _default_spacing(model)
+    spacing = settings.spacing
+    if spacing is None:  # what interpolation asks for, or more where that would be too many nodes
+        area = float(np.prod(np.ptp(survey.places[:, :2], axis=0)))
+        least = math.sqrt(area / _MOST_DEFAULT_NODES)
+        spacing = max(spacing_of(model.kriging, model.sigma, model.gap), least)
     model.report["spacing_m"] = spacing
     latitude = _axis(survey.latitude, spacing / plane.north)
     longitude = _axis(survey.longitude, spacing / plane.east)
@@ -381,13 +360,6 @@ def _nodes(model: Model, settings: GridSettings) -> tuple[Array, Array]:
             f" {_MOST_NODES:,} are made; give a larger --spacing"
         )
     return latitude, longitude
-
-
-def _default_spacing(model: Model) -> float:
-    """Return what interpolation asks for (m), or more where that would be too many nodes."""
-    area = float(np.prod(np.ptp(model.survey.places[:, :2], axis=0)))
-    spacing = spacing_of(model.kriging, model.sigma, model.gap)
-    return max(spacing, math.sqrt(area / _MOST_DEFAULT_NODES))
 
 
 def _axis(readings: Array, step: float) -> Array:
@@ -401,8 +373,6 @@ def _axis(readings: Array, step: float) -> Array:
 def _level(model: Model, settings: GridSettings) -> float | None:
     """Return the height of the map, where it lies on one level."""
     height = model.survey.height
-    if height is not None and model.covariance.kind == "harmonic":
-        return model.default_height if settings.height is None else settings.height
-    if height is not None and float(np.std(height)) < 20.0:
-        return float(np.median(height))
-    return None
+    if height is None or (model.covariance.kind == "matern" and np.std(height) >= _LEVEL):
+        return None
+    return model.default_height if settings.height is None else settings.height

@@ -9,20 +9,23 @@ between them and the places, and k0 among the places,
 2.26). Places are taken in groups that lie together, each with readings of its own: those further
 away are screened by the nearer ones."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from isogal.arrays import Array, Booleans, Integers
 from isogal.maps.gridding.covariance import Covariance, Readings
+from isogal.threads import available_cores
 
 NEIGHBOURS = 700
 GROUP = 300
 """Places of a group at most."""
 _DENSITY_SAMPLE = 2000
 """Readings that the extent of a group is taken from."""
+_Found = TypeVar("_Found")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,6 +104,21 @@ class Kriging:
             elif most == total:
                 return np.sort(rows)
             most *= 2
+
+
+def in_groups(
+    do: Callable[[Integers], _Found],
+    groups: Iterable[Integers],
+    progress: Callable[[int, int], None],
+) -> Iterator[tuple[Integers, _Found]]:
+    """Do something for groups of rows beside each other, as linear algebra leaves Python's lock;
+    yield each with what was found, and show how many rows are done, and of how many."""
+    every, done = list(groups), 0
+    with ThreadPoolExecutor(available_cores()) as pool:
+        for rows, found in zip(every, pool.map(do, every), strict=True):
+            yield rows, found
+            done += rows.size
+            progress(done, sum(one.size for one in every))
 
 
 def groups(places: Array, size: int, extent: float = np.inf) -> Iterator[Integers]:

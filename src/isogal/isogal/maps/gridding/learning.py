@@ -44,57 +44,42 @@ def learn(
     from scipy.optimize import minimize
 
     places, line = readings.places, readings.line
-    spread = float(np.std(readings.value))
-    if not spread > 0.0:
+    if not (spread := readings.spread) > 0.0:
         raise InputError("the readings are all the same; there is no field to map")
-    samples = [readings.part(rows) for rows in _neighbourhoods(places)]
-    samples = [replace(one, value=one.value - one.value.mean()) for one in samples]
+    near = (readings.part(rows) for rows in _neighbourhoods(places))
+    samples = [replace(one, value=one.value - one.value.mean()) for one in near]
     extent = float(np.hypot(*np.ptp(places[:, :2], axis=0)))
     lined = line is not None and np.unique(line).size > 1
-    start = _start(kind, spread, extent, lined)
+    part, noise = math.log(spread / math.sqrt(2.0)), math.log(0.05 * spread)
+    start = [part, math.log(extent / 50.0), part, math.log(extent / 8.0), noise]
+    start += [math.log(0.03 * spread)] if lined else []
+    bounds: list[tuple[float | None, float | None]] = [(None, None)] * len(start)
+    bounds[1] = bounds[3] = (math.log(0.02 * _typical_gap(places)), math.log(10.0 * extent))
+    if kind == "matern":
+        start, bounds = [*start, 0.1, 0.3], [*bounds, (-1.5, 1.5), (None, None)]
 
     def cost(p: Array) -> tuple[float, Array]:
         covariance = _unpack(p, kind, lined)
-        expected = np.zeros(len(p))  # noise and offsets are about 3 %, within a factor e
-        small = slice(4, 6 if lined else 5)
-        expected[small] = p[small] - math.log(0.03 * spread)
-        total, slopes = 0.5 * float(expected @ expected), expected
+        slopes, small = np.zeros(len(p)), slice(4, 6 if lined else 5)
+        slopes[small] = p[small] - math.log(0.03 * spread)  # about 3 %, within a factor e
+        total = 0.5 * float(slopes @ slopes)
         for sample in samples:
             more, slope = misfit(covariance, 3.0 * spread, sample)
             total, slopes = total + more, slopes + slope
         return total, slopes
 
-    steps, limits = count(1), {"maxiter": _MOST_STEPS}
+    steps = count(1)
     found = minimize(
         cost,
         start,
         jac=True,
         method="L-BFGS-B",
-        bounds=_bounds(kind, len(start), (0.02 * _typical_gap(places), 10.0 * extent)),
-        options=limits,
+        bounds=bounds,
+        options={"maxiter": _MOST_STEPS},
         callback=lambda _: progress(next(steps), _MOST_STEPS),
     )
     progress(_MOST_STEPS, _MOST_STEPS)
     return _unpack(found.x, kind, lined)
-
-
-def _start(kind: str, spread: float, extent: float, lined: bool) -> Array:
-    lengths = (extent / 50.0, extent / 8.0)
-    part = math.log(spread / math.sqrt(2.0))
-    start = [part, math.log(lengths[0]), part, math.log(lengths[1]), math.log(0.05 * spread)]
-    start += [math.log(0.03 * spread)] if lined else []
-    return np.array([*start, *((0.1, 0.3) if kind == "matern" else ())])
-
-
-def _bounds(
-    kind: str, size: int, lengths: tuple[float, float]
-) -> list[tuple[float | None, float | None]]:
-    low, high = lengths
-    bounds: list[tuple[float | None, float | None]] = [(None, None)] * size
-    bounds[1] = bounds[3] = (math.log(low), math.log(high))
-    if kind == "matern":
-        bounds[-2] = (-1.5, 1.5)
-    return bounds
 
 
 def _unpack(p: Array, kind: str, lined: bool) -> Covariance:

@@ -3,6 +3,7 @@ lets them differ least."""
 
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,8 +61,7 @@ def cross_overs(survey: Survey) -> CrossOvers:
     return CrossOvers(ids[:, 0], ids[:, 1], table[:, 2])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Levelling:
+class _Fit(NamedTuple):
     """An offset of each line, from the differences at crossings."""
 
     offset: Array
@@ -73,19 +73,12 @@ class Levelling:
     degrees: float
     """Of freedom that the differences keep: C less what the offsets take up."""
 
-    def figures(self) -> dict[str, float | int]:
-        """Return what is left of the differences, and how much of that is fit alone."""
-        return {
-            "degrees_of_freedom": self.degrees,
-            "rms": float(np.sqrt(np.mean(self.left**2))),
-            "rms_left_out": float(np.sqrt(np.mean(self.predicted**2))),
-        }
 
-
-def levelling_of(survey: Survey, crossings: CrossOvers) -> Levelling:
-    """Return the offsets of lines that make the differences at crossings least: robust least
-    squares with a ridge, the one with which each crossing is predicted best from the others (Allen
-    1974, Technometrics 16(1):125-127).
+def levelled(survey: Survey, crossings: CrossOvers) -> tuple[Survey, dict[str, float]]:
+    """Return a survey without the offsets of lines that make the differences at crossings least,
+    what is left of these, and how much of that is fit alone: robust least squares with a ridge,
+    the one with which each crossing is predicted best from the others (Allen 1974, Technometrics
+    16(1):125-127).
 
     Raises
     ------
@@ -95,16 +88,22 @@ def levelling_of(survey: Survey, crossings: CrossOvers) -> Levelling:
     difference = crossings.difference
     if not difference.size or survey.line is None:
         raise InputError(f"{survey.where}: no two lines cross; it cannot be levelled")
-    numbers = np.unique(survey.line)
+    numbers, own = np.unique(survey.line, return_inverse=True)
     rows = np.arange(difference.size)
     design = np.zeros((rows.size, numbers.size))
     design[rows, np.searchsorted(numbers, crossings.first)] = 1.0
     design[rows, np.searchsorted(numbers, crossings.second)] -= 1.0
-    fits = [_levelled(design, difference, ridge) for ridge in _RIDGES]
-    return min(fits, key=lambda fit: float(np.mean(np.abs(fit.predicted))))
+    fits = [_fitted(design, difference, ridge) for ridge in _RIDGES]
+    best = min(fits, key=lambda fit: float(np.mean(np.abs(fit.predicted))))
+    figures = {
+        "degrees_of_freedom": best.degrees,
+        "rms": float(np.sqrt(np.mean(best.left**2))),
+        "rms_left_out": float(np.sqrt(np.mean(best.predicted**2))),
+    }
+    return replace(survey, value=survey.value - best.offset[own]), figures
 
 
-def _levelled(design: Array, difference: Array, ridge: float) -> Levelling:
+def _fitted(design: Array, difference: Array, ridge: float) -> _Fit:
     """Return offsets with a ridge; differences far off, as at steep anomalies, count less."""
     weight: Array = np.ones(len(difference))
     for _ in range(_ROUNDS):
@@ -115,14 +114,7 @@ def _levelled(design: Array, difference: Array, ridge: float) -> Levelling:
         left = difference - design @ offset
         own = weight * np.einsum("ci,ij,cj->c", design, inverse, design)
         weight = huber_weights(left, _FAR)
-    return Levelling(offset, left, left / (1.0 - own), len(difference) - float(own.sum()))
-
-
-def levelled(survey: Survey, levelling: Levelling) -> Survey:
-    """Return a survey without the offsets of its lines."""
-    assert survey.line is not None
-    own = np.searchsorted(np.unique(survey.line), survey.line)
-    return replace(survey, value=survey.value - levelling.offset[own])
+    return _Fit(offset, left, left / (1.0 - own), len(difference) - float(own.sum()))
 
 
 def _ordered(places: Array, value: Array) -> tuple[Array, Array]:

@@ -71,18 +71,16 @@ def table_of(text: str, suffix: str, where: str) -> tuple[list[str], Array, list
     numbered = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
     of_table = suffix == _TABLE
     read, lines = _tabular(numbered, where) if of_table else (_record, numbered)
-    found = list[list[float]]()
-    number = list[int]()
+    found, number = list[list[float]](), list[int]()
     for k, line in lines:
         if not of_table and line[0] not in "35":  # of the header, or a comment
             continue
         try:
             row = read(line)
         except (ValueError, IndexError, OverflowError):
-            what = f"line {k} is no record of MGD77: '{line[:40]}'"
-            if not of_table and line[0] == "3":
-                what = f"line {k} is a record of before 1998; convert it with 'gmt mgd77convert'"
-            raise InputError(f"{where}: {what}") from None
+            raise InputError(
+                f"{where}: line {k} is no record of MGD77 since 1998: '{line[:40]}'"
+            ) from None
         if all(map(math.isfinite, row[:3])):
             found.append(row)
             number.append(k)

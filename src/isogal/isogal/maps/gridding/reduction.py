@@ -1,6 +1,7 @@
 """What is done to readings before they are gridded: trend, and blocks."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,30 +22,17 @@ def huber_weights(residual: Array, limit: float) -> Array:
     return np.minimum(1.0, usual / np.maximum(size, 1e-300))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Trend:
-    """A polynomial of the plane's coordinates."""
-
-    degree: int
-    scale: float
-    """m, of one in the polynomial."""
-    coefficients: Array
-
-    @classmethod
-    def fitted(cls, places: Array, value: Array, degree: int) -> "Trend":
-        """Fit by least squares, such that strong anomalies do not tilt it."""
-        scale = float(np.abs(places[:, :2]).max()) or 1.0
-        basis = _basis(places, scale, degree)
-        weight: Array = np.ones(len(value))
-        for _ in range(_ROUNDS):
-            root = np.sqrt(weight)
-            found = np.linalg.lstsq(basis * root[:, None], value * root, rcond=None)[0]
-            weight = huber_weights(value - basis @ found, _FAR)
-        return cls(degree, scale, np.asarray(found))
-
-    def at(self, places: Array) -> Array:
-        """Return (N,) the trend at places (N, 2+), m."""
-        return np.asarray(_basis(places, self.scale, self.degree) @ self.coefficients)
+def fitted_trend(places: Array, value: Array, degree: int) -> Callable[[Array], Array]:
+    """Return what gives, at places (P, 2+), the polynomial of the plane's coordinates that fits
+    values (N,) at places (N, 2+) by least squares, such that strong anomalies do not tilt it."""
+    scale = float(np.abs(places[:, :2]).max()) or 1.0
+    basis = _basis(places, scale, degree)
+    weight: Array = np.ones(len(value))
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weight)
+        found = np.linalg.lstsq(basis * root[:, None], value * root, rcond=None)[0]
+        weight = huber_weights(value - basis @ found, _FAR)
+    return lambda places: np.asarray(_basis(places, scale, degree) @ found)
 
 
 def _basis(places: Array, scale: float, degree: int) -> Array:

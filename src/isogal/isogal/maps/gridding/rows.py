@@ -173,18 +173,15 @@ class Rows:
         """Bring some columns that have been read to the unit of the first of which the file says
         one, and return that; None where it says none. Raises InputError where units do not go
         together."""
-        there = {name: self.index(columns[name]) for name in names if name in found}
-        units = {
-            name: unit
-            for name, i in there.items()
-            if i is not None and (unit := self.units.get(self.names[i])) is not None
-        }
-        first, common = next(iter(units.items()), ("", None))
-        for name, unit in units.items():
-            if common is not None and unit != common:
-                inside, of_common = unit_factor(common, f"{self.where}: {first}")
+        common: str | None = None
+        for name in (one for one in names if one in found):
+            i = self.index(columns[name])
+            unit = None if i is None else self.units.get(self.names[i])
+            common = common or unit
+            if unit is not None and common is not None and unit != common:
+                inside, own = unit_factor(common, f"{self.where}: {names[0]}")
                 factor = unit_factor(unit, f"{self.where}: {name}", inside)[1]
-                found[name] = found[name] * (factor / of_common)
+                found[name] = found[name] * (factor / own)
         return common
 
     def _bad(self, name: str, k: int, what: str) -> InputError:

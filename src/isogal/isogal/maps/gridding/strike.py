@@ -11,8 +11,8 @@ Where readings tell nothing this is the S that was assumed. Assumed is first the
 whole survey, then what was found (expectation maximisation; Dempster, Laird & Rubin 1977)."""
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,30 +36,30 @@ _LONGEST = 1.5
 """Of the logarithm of S's larger eigenvalue."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LocalStrike:
-    """The logarithm of S at some places."""
+def local_strike(centre: Array, shape: Array, width: float) -> Callable[[Array], Array]:
+    """Return what gives (P, 3) the elements north-north, north-east and east-east of S at places
+    (P, 2+), m.
 
-    centre: Array
-    """(C, 2) m."""
-    shape: Array
-    """(C, 2) elements east-east (less north-north) and east-north of log S, whose trace is 0."""
-    width: float
-    """1-sigma of the Gaussian weights between them, m."""
-    tree: Any = field(init=False, repr=False)
+    Parameters
+    ----------
+    centre : (C, 2) array
+        m, of places at which it is known.
+    shape : (C, 2) array
+        Elements east-east (less north-north) and east-north of log S there, whose trace is 0.
+    width : float
+        1-sigma of the Gaussian weights between them, m.
+    """
+    from scipy.spatial import cKDTree
 
-    def __post_init__(self) -> None:
-        from scipy.spatial import cKDTree
+    tree, most = cKDTree(centre), min(_NEAR, len(centre))
 
-        object.__setattr__(self, "tree", cKDTree(self.centre))
+    def at(places: Array) -> Array:
+        distance, near = (x.reshape(-1, most) for x in tree.query(places[:, :2], most))
+        weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / width**2)
+        each = np.einsum("pk,pkc->cp", weight, shape[near]) / weight.sum(axis=1)
+        return _exponential(*each)
 
-    def at(self, places: Array) -> Array:
-        """Return (P, 3) the elements north-north, north-east and east-east of S at places."""
-        most = min(_NEAR, len(self.centre))
-        distance, near = (x.reshape(-1, most) for x in self.tree.query(places[:, :2], most))
-        weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / self.width**2)
-        shape = np.einsum("pk,pkc->cp", weight, self.shape[near]) / weight.sum(axis=1)
-        return _exponential(*shape)
+    return at
 
 
 def _exponential(even: Array, odd: Array) -> Array:
@@ -133,7 +133,7 @@ def _tensor(kriging: Kriging, centre: Array, step: float) -> Array:
     return found
 
 
-def _strike_of(centre: Array, tensor: Array, width: float) -> LocalStrike:
+def _strike_of(centre: Array, tensor: Array, width: float) -> Callable[[Array], Array]:
     """Return the strike of places (C, 2) by the tensor at each (3, C)."""
     square = ((centre[:, None] - centre) ** 2).sum(axis=-1)
     weight = np.exp(-0.5 * square / width**2)
@@ -144,7 +144,7 @@ def _strike_of(centre: Array, tensor: Array, width: float) -> LocalStrike:
     turn = np.arctan2(-2.0 * en, nn - ee)
     size = np.minimum(size, _LONGEST)
     nearest = np.sqrt(np.sort(square, axis=1)[:, min(1, len(centre) - 1)])
-    return LocalStrike(
+    return local_strike(
         centre,
         np.stack([size * np.cos(turn), size * np.sin(turn)], axis=1),
         max(float(np.median(nearest)), 1.0),

@@ -10,7 +10,7 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.earth.plane import Plane
 from isogal.errors import InputError
 from isogal.groups import Groups
-from isogal.maps.quantities import QUANTITIES, check_plausible, said
+from isogal.maps.quantities import QUANTITIES, check_plausible, said, value_range
 
 FEWEST = 30
 """Readings that a covariance can be learnt from."""
@@ -69,10 +69,7 @@ class Survey:
                     f"{self.where}: {name}s span {np.degrees(np.ptp(axis)):.3g} deg; at most"
                     f" {_WIDEST:g} are gridded at once"
                 )
-        self._check_extent()
-
-    def _check_extent(self) -> None:
-        """Refuse readings that lie on one straight line, whose field across it nobody knows."""
+        # on one straight line nobody knows the field across it
         length, width = np.sqrt(np.linalg.eigvalsh(np.cov(self.places[:, :2].T))[::-1].clip(0.0))
         if width < 1e-2 * length or length == 0.0:
             raise InputError(
@@ -143,10 +140,13 @@ def survey_of(
     latitude, longitude, value = (columns[name] for name in ("latitude", "longitude", "value"))
     assert latitude is not None and longitude is not None and value is not None
     keep = np.isfinite(latitude) & np.isfinite(longitude) & np.isfinite(value)
-    if not keep.any():
-        raise InputError(f"{where}: has no reading at all (all missing)")
-    _check_degrees(latitude[keep], longitude[keep], where)
-    check_plausible((float(value[keep].min()), float(value[keep].max())), quantity, factor, where)
+    most = [float(np.abs(one[keep]).max(initial=0.0)) for one in (latitude, longitude)]
+    if most[0] > 90.0 or most[1] > 360.0:
+        raise InputError(
+            f"{where}: coordinates reach {most[0]:.6g} and {most[1]:.6g}, which are no latitudes"
+            " and longitudes (deg); are they swapped or projected (--crs)?"
+        )
+    check_plausible(value_range(value[None, keep]), quantity, factor, where)
     others = {name: one[keep] for name in _OTHERS if (one := columns.get(name)) is not None}
     missing = {name: int((~np.isfinite(one)).sum()) for name, one in others.items()}
     whole = {name: one for name, one in others.items() if not missing[name]}
@@ -169,16 +169,6 @@ def survey_of(
             file_factor=factor,
         )
     )
-
-
-def _check_degrees(latitude: Array, longitude: Array, where: str) -> None:
-    """Raise InputError unless coordinates are of places."""
-    most = np.abs(latitude).max(), np.abs(longitude).max()
-    if most[0] > 90.0 or most[1] > 360.0:
-        raise InputError(
-            f"{where}: coordinates reach {most[0]:.6g} and {most[1]:.6g}, which are no latitudes"
-            " and longitudes (deg); are they swapped or projected (--crs)?"
-        )
 
 
 def without_duplicates(survey: Survey) -> Survey:

@@ -1,8 +1,8 @@
 """How right a map is where nothing was measured: readings are left out, by whole lines or by
 blocks, and predicted from the others."""
 
+import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +11,9 @@ from isogal.arrays import Array, Booleans, Integers
 from isogal.groups import Groups
 from isogal.maps.gridding.blunders import FAR, Named, named
 from isogal.maps.gridding.covariance import Readings
-from isogal.maps.gridding.kriging import Kriging, groups
+from isogal.maps.gridding.kriging import Kriging, groups, in_groups
 from isogal.maps.gridding.survey import Survey, blocks_of
 from isogal.seeds import generator
-from isogal.threads import available_cores
 
 BLOCKS = 12
 """Parts that the blocks of a survey of stations are divided into."""
@@ -34,32 +33,61 @@ class LeftOut:
 
     rows: Integers
     """(M,) of the survey."""
+    places: Array
+    """(M, 3) m."""
     error: Array
     """(M,) reading less prediction."""
-    variance: Array
-    """(M,) expected of it, the reading's noise and its line's offset included."""
+    field: Array
+    """(M,) variance expected of the field there."""
     noise: Array
-    """(M,) part of it: noise and offset."""
+    """(M,) variance of the reading's noise, and its line's offset."""
+    share: Array
+    """(M,) of `field` in the field's own variance."""
     distance: Array
     """(M,) m to the next reading that was not left out."""
-    part: Integers
+    parts: Integers
     """(N,) line or set of blocks of every reading of the survey, left out together."""
+    length: float
+    """m, over which errors hold together."""
+
+    def __getitem__(self, some: Booleans) -> "LeftOut":
+        names = ("rows", "places", "error", "field", "noise", "share", "distance")
+        return replace(self, **{name: getattr(self, name)[some] for name in names})
+
+    @property
+    def part(self) -> Integers:
+        """(M,) of `parts`."""
+        return self.parts[self.rows]
 
     @property
     def ratio(self) -> Array:
         """(M,) squared error over its variance, the normalised innovation squared (NIS)."""
-        return self.error**2 / self.variance
+        return self.error**2 / (self.field + self.noise)
 
     def scaled(self, factor: Array) -> "LeftOut":
         """Return the same with the field's part of the variances times a factor (M,)."""
-        field = (self.variance - self.noise) * factor
-        return replace(self, variance=field + self.noise)
+        return replace(self, field=self.field * factor)
+
+    def cost(self, factor: Array) -> float:
+        """Return minus the mean log-likelihood with a factor (M,) of the field's variance."""
+        variance = self.field * factor + self.noise
+        return 0.5 * float(np.mean(np.log(variance) + self.error**2 / variance))
+
+    def scale(self, factor: Array) -> float:
+        """Return the logarithm of the number that a factor (M,) is to be multiplied by for the
+        mean squared normalised error to be 1."""
+        low, high = -10.0, 10.0
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            more = np.mean(self.scaled(factor * math.exp(middle)).ratio) > 1.0
+            low, high = (middle, high) if more else (low, middle)
+        return low
 
     def mean(self, each: Array) -> tuple[float, float]:
         """Return the mean of numbers (M,), one of each reading, and its 1-sigma: what readings of
         a line say holds together, and its sum counts as one."""
         mean = float(each.mean())
-        sums = np.bincount(np.unique(self.part[self.rows], return_inverse=True)[1], each - mean)
+        sums = np.bincount(np.unique(self.part, return_inverse=True)[1], each - mean)
         return mean, float(np.sqrt(np.sum(sums**2)) / each.size)
 
     def surely_nearer(self, other: "LeftOut") -> bool:
@@ -122,7 +150,6 @@ def folds(part: Integers) -> list[Booleans]:
 def leave_out(
     kriging: Kriging,
     by: str,
-    side: float,
     progress: Callable[[int, int], None],
     without: Callable[[Booleans], Kriging] | None = None,
 ) -> LeftOut:
@@ -134,8 +161,6 @@ def leave_out(
     by : str
         `lines`: each line from the other lines; `blocks`: each of `BLOCKS` sets of blocks of the
         plane, drawn at random, from the other sets.
-    side : float
-        Of a block, m.
     progress : function
         Called with the number of readings that are done, and of all.
     without : function, optional
@@ -143,34 +168,33 @@ def leave_out(
         the lines (or sets) is predicted by one that has not seen it.
     """
     readings = kriging.readings
-    places, part = readings.places, _parts(readings, by, side)
+    places, part = readings.places, _parts(readings, by, 2.0 * kriging.covariance.shortest)
     by_fold = [(one, without(one)) for one in folds(part)] if without else []
 
     def unlearnt(rows: Integers) -> Kriging:
         return next((found for one, found in by_fold if one[rows[0]]), kriging)
 
     chosen = np.flatnonzero(_sample(readings))
-    groups = [
+    together = (
         rows[group]
         for rows in (chosen[part[chosen] == name] for name in np.unique(part[chosen]))
         for group in kriging.groups(places[rows])
-    ]
+    )
+
+    def predicted(rows: Integers) -> tuple[Array, Array]:
+        return unlearnt(rows).at(places[rows], part == part[rows[0]])
+
     error, variance = np.full((2, len(part)), np.nan)
-    done = 0
-    with ThreadPoolExecutor(available_cores()) as pool:  # linear algebra leaves Python's lock
-        predicted = pool.map(
-            lambda rows: unlearnt(rows).at(places[rows], part == part[rows[0]]), groups
-        )
-        for rows, (mean, own) in zip(groups, predicted, strict=True):
-            error[rows], variance[rows] = readings.value[rows] - mean, own
-            done += rows.size
-            progress(done, chosen.size)
+    for rows, (mean, own) in in_groups(predicted, together, progress):
+        error[rows], variance[rows] = readings.value[rows] - mean, own
     rows = chosen
     noise = np.full(rows.size, kriging.covariance.unresolved)
     if readings.sigma is not None:
         noise += readings.sigma[rows] ** 2
-    distance = _distances(kriging, rows, part)
-    return LeftOut(rows, error[rows], variance[rows] + noise, noise, distance, part)
+    own, distance = variance[rows], _distances(kriging, rows, part)
+    share = own / kriging.covariance.variance_at(places[rows])
+    length = kriging.covariance.shortest
+    return LeftOut(rows, places[rows], error[rows], own, noise, share, distance, part, length)
 
 
 def _distances(kriging: Kriging, rows: Integers, part: Integers) -> Array:

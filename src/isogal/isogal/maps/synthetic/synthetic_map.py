@@ -8,7 +8,7 @@ from isogal.errors import InputError
 from isogal.maps.axes import TooManyCellsError, Window, check_size
 from isogal.maps.corridor import Corridor
 from isogal.maps.field_map import FieldMap
-from isogal.maps.ggmplus.tiles import cells_of, map_of_cells, places_of
+from isogal.maps.ggmplus.tiles import cells_of, map_of_cells, overlap, places_of
 from isogal.maps.synthetic.terrain import CELLS, QUANTA, SIZE_DEG
 from isogal.maps.synthetic.tiles import VERSION, Progress, read_tiles
 from isogal.maps.tiled_map import WHOLE_CELLS, ScalarMap, TiledMap
@@ -54,12 +54,9 @@ def synthetic_map(quantity: str, window: Window, progress: Progress | None = Non
     values = np.empty((len(rows), len(columns)))
     places = places_of(rows, columns, SIZE_DEG)
     for tile, numbers in read_tiles(quantity, places, progress):
-        for top, side in places[tile]:
-            part = numbers[
-                max(-top, 0) : len(rows) - top,
-                max(-side, 0) : len(columns) - side,
-            ]
-            values[max(top, 0) : top + CELLS, max(side, 0) : side + CELLS] = part
+        for place in places[tile]:
+            there, part = overlap(values, numbers, place)
+            there[...] = part
     np.multiply(values, QUANTA[quantity], out=values)
     return map_of_cells(rows, columns, values, quantity, QUANTA[quantity], _NAME)
 
@@ -73,13 +70,12 @@ def synthetic_map_along(
     try:
         return synthetic_map(quantity, corridor.window._replace(most_cells=WHOLE_CELLS), progress)
     except TooManyCellsError:
-        tiled = TiledMap(partial(synthetic_map, quantity), corridor)
         needed = {
-            tile for window in tiled.windows() for tile in places_of(*_cells(window), SIZE_DEG)
+            tile for window in corridor.windows() for tile in places_of(*_cells(window), SIZE_DEG)
         }
         for _ in read_tiles(quantity, sorted(needed), progress):
             pass
-        return tiled
+        return TiledMap(partial(synthetic_map, quantity), corridor)
 
 
 def _cells(window: Window) -> tuple[range, range]:

@@ -15,15 +15,7 @@ long waves  noise from 1200 to 20 km lattice spacing, not correlated with the te
 
 disturbance ``dg`` = gravity of the terrain + long waves; gravity ``ga`` = normal gravity at the
 ground + dg. Cells of 0.002°, at the centres of GGMplus, rounded to 0.1 mGal as GGMplus is
-(docs/mathematics.md, section 12.3).
-
-Along the default route, beside the real terrain of SE Australia with modelled gravity:
-
-                                     this map        SE Australia
-disturbance, RMS                     36.9 mGal       28.6 mGal
-its gradient, RMS (median)           14.4 (4.5)      14.5 (6.5) mGal/km
-gradient of gravity, RMS (median)    26.1 (8.0)      27.9 (11.4) mGal/km
-"""
+(docs/mathematics.md, section 12.3); beside the real terrain of SE Australia: docs/maps.md."""
 
 import math
 
