@@ -65,7 +65,11 @@ class AtRest:
         H[3:, 6:9] = to_body @ cross_matrix(rate)
         H[:, 9:15] = np.eye(6)
         for j, one in enumerate(model.auxiliary):
-            self._add(H[:, FILTER_STATES + j], one.enters, one.axis, one.source, to_body)
+            row, share = one.input
+            if row >= 3:
+                H[row - 3, FILTER_STATES + j] = (1.0, *self.force, *self.rate)[share]
+            elif row >= 0:
+                H[:3, FILTER_STATES + j] = -to_body[:, row]
         expected = np.concatenate([to_body @ force, to_body @ rate])
         expected += H[:, 9:] @ np.concatenate(state.nominal[3:])
         variance = np.square(model.noise) / self.seconds
@@ -74,16 +78,3 @@ class AtRest:
         read = np.concatenate([self.force, self.rate])
         used = np.flatnonzero(np.isfinite(read))
         return Rows(read[used], expected[used], H[used], np.diag(variance[used]))
-
-    def _add(
-        self, column: Array, enters: str, axis: int, source: int | None, to_body: Array
-    ) -> None:
-        """Write what the readings contain of an auxiliary state (6,)."""
-        sensor = 0 if enters.startswith("accelerometer") else 3
-        if enters == "gravity":
-            column[:3] = -to_body[:, axis]
-        elif enters.endswith("scale"):
-            seen = self.rate if sensor else self.force
-            column[sensor + axis] = seen[axis if source is None else source]
-        elif enters != "none":
-            column[sensor + axis] = 1.0
