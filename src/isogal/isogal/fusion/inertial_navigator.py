@@ -29,7 +29,7 @@ from isogal.fusion.prediction import (
     propagate,
     require_definite,
 )
-from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
+from isogal.fusion.segment import AT_ONCE, Segment
 from isogal.fusion.smoothing import smoothed
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
@@ -394,14 +394,11 @@ class InertialNavigator:
             return None
         if self._unaided and self._unaided[-1].since != since:
             self._unaided.clear()
-        if self._unaided:
-            before = self._unaided[-1]
-        else:
-            before = Without(since, since, self._segments[self._index(since)].after)
-        now = self.later(before)
-        if now.time > before.time + AT_ONCE:
-            self._unaided = [*self._unaided[1 - _LATE :], now]
-        return now.after.merged
+        if not self._unaided:
+            begin = self._segments[self._index(since)].after
+            self._unaided.append(Without(since, since, begin))
+        self._unaided = [*self._unaided[1 - _LATE :], self.later(self._unaided[-1])]
+        return self._unaided[-1].after.merged
 
     @property
     def without_satellites(self) -> Without | None:
@@ -413,9 +410,9 @@ class InertialNavigator:
         """Return what is known at the newest sample without an aid, by its name, or without all
         that say where the vehicle is, and without what fixes say."""
         one = before.after
-        for run in runs(self._segments[self._index(before.time) + 1 :]):
-            one, _ = self._carried(one, joined(run))
-            for measurement in run[-1].measurements:
+        for segment in self._segments[self._index(before.time) + 1 :]:
+            one, _ = self._carried(one, segment)
+            for measurement in segment.measurements:
                 if not of_aid(measurement, source) and by_itself(measurement):
                     one.update(measurement, self.model)
         return Without(before.since, self.time, one)

@@ -13,8 +13,13 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements.model import Innovation, Rows, update_linear
-from isogal.fusion.measurements.position_aid import white_part
+from isogal.fusion.measurements.model import (
+    Innovation,
+    LinearMeasurement,
+    Rows,
+    update_linear,
+    white_part,
+)
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import FILTER_STATES
@@ -27,18 +32,12 @@ STEEPEST = 0.1
 
 
 def heading_error_states(aid: HeadingAid) -> tuple[AuxiliaryState, ...]:
-    """Return mounting error and slowly changing error, those that are not zero."""
-    every = (
+    """Return mounting error and slowly changing error."""
+    slow, time = aid.number("correlated_sigma"), aid.correlation_time
+    return (
         AuxiliaryState(f"{aid.prefix}_mounting", "none", 0, aid.number("bias")),
-        AuxiliaryState(
-            f"{aid.prefix}_slow",
-            "none",
-            0,
-            aid.number("correlated_sigma"),
-            time=aid.correlation_time,
-        ),
+        AuxiliaryState(f"{aid.prefix}_slow", "none", 0, slow, time=time),
     )
-    return tuple(state for state in every if state.sigma > 0.0)
 
 
 def by_attitude(rotation: Array) -> Array:
@@ -50,7 +49,7 @@ def by_attitude(rotation: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class HeadingReading:
+class HeadingReading(LinearMeasurement):
     """A reading of the heading."""
 
     heading: float

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements.model import Innovation, Rows
+from isogal.fusion.measurements.model import Innovation, LinearMeasurement, Rows
 from isogal.fusion.measurements.trust import update_insistent
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
@@ -28,17 +28,16 @@ UNKNOWN_HEIGHT = 1000.0
 
 
 def height_error_states(height: Height) -> tuple[AuxiliaryState, ...]:
-    """Return the sensor's constant offset, its scale factor error and what the weather adds, those
-    that are not zero; none where the scenario gives the height."""
+    """Return the sensor's constant offset, its scale factor error and what the weather adds; none
+    where the scenario gives the height."""
     if not height.measured:
         return ()
     bias, scale, weather = _names(height.prefix)
-    every = (
+    return (
         AuxiliaryState(bias, "none", 0, height.bias),
         AuxiliaryState(scale, "none", 0, height.scale),
         AuxiliaryState(weather, "none", 0, height.weather_sigma, time=height.weather_time),
     )
-    return tuple(state for state in every if state.sigma > 0.0)
 
 
 def _names(prefix: str) -> tuple[str, str, str]:
@@ -62,7 +61,7 @@ def by_auxiliary(model: FilterModel, height: ArrayLike, prefix: str = "height") 
 
 
 @dataclass(frozen=True, slots=True)
-class HeightReading:
+class HeightReading(LinearMeasurement):
     """A reading of the height."""
 
     height: float

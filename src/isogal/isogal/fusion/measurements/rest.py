@@ -16,7 +16,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gravity_at
-from isogal.fusion.measurements.model import Innovation, Rows, update_linear
+from isogal.fusion.measurements.model import LinearMeasurement, Rows
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import FILTER_STATES
@@ -35,7 +35,7 @@ def sensed_at_rest(position: Array, model: FilterModel) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AtRest:
+class AtRest(LinearMeasurement):
     """Means of the inertial data of a vehicle at rest, or of its gyroscopes' alone."""
 
     force: Array
@@ -51,10 +51,6 @@ class AtRest:
     def of_gyroscopes(cls, rate: Array, sigma: float) -> "AtRest":
         """Return the measurement of zero rotation by gyroscopes of a 1-sigma (rad/s)."""
         return cls(np.full(3, np.nan), rate, 1.0, sigma)
-
-    def update(self, state: FilterState, model: FilterModel) -> Innovation:
-        """See `isogal.fusion.measurements.Measurement`."""
-        return update_linear(state, model, self.rows(state, model))
 
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state."""
