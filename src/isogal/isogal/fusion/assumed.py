@@ -11,7 +11,6 @@ from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements.heading import heading_error_states
 from isogal.fusion.measurements.height import (
     UNKNOWN_HEIGHT,
-    height_contents,
     height_error_states,
 )
 from isogal.fusion.measurements.position import position_error_states
@@ -90,7 +89,6 @@ def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> Filte
         filter=assumed.fusion.filter,
         height_sigma=height.sigma if height.measured else KNOWN_HEIGHT,
         height_measured=height.measured,
-        height_contents=height_contents(auxiliary) if height.measured else (),
         alpha=CLOSE if unsure else 1.0,
         unsure_heading=unsure,
         slow_errors=unsure or bool(assumed.velocity_aids) or assumed.gnss.doubted or adrift,

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fusion.auxiliary import AuxiliaryState, auxiliary_of
 from isogal.fusion.gate import quantile
@@ -44,9 +45,6 @@ class FilterModel:
     says; 0 = no gate."""
     height_measured: bool = False
     """Whether such a height is a sensor's; one that is known passes no gate."""
-    height_contents: tuple[tuple[float, float], ...] = ()
-    """What a measured height contains of each auxiliary state: a constant, and a share of the
-    height, 1/m; () = nothing."""
     unsure_heading: bool = False
     """Whether the heading may be wrong by more than what sines are linear in."""
     slow_errors: bool = False
@@ -65,14 +63,11 @@ class FilterModel:
     def __post_init__(self) -> None:
         scaling = self.alpha, self.beta, self.kappa
         gates = tuple(quantile(self.false_rejection, 1 + k) for k in range(len(BATCH)))
-        contents = self.height_contents or [(0.0, 0.0)] * len(self.auxiliary)
-        offset, share = np.reshape(contents, (-1, 2)).T
         assumptions = Assumptions(
             self.dt,
             np.array(self.noise),
             self.height_sigma,
-            offset.copy(),
-            share.copy(),
+            *self.height_contents(),
             gates[0] if self.height_measured else math.inf,
             merwe_weights(*scaling, self.states),
             scaling,
@@ -86,6 +81,13 @@ class FilterModel:
         )
         object.__setattr__(self, "gates", gates)
         object.__setattr__(self, "assumptions", assumptions)
+
+    def height_contents(self, prefix: str = "height") -> tuple[Array, Array]:
+        """Return what a reading of a height sensor contains of each auxiliary state: (M,) as it
+        is, and (M,) per m of the height. `prefix` is of the names of the sensor's states."""
+        names = [one.name for one in self.auxiliary]
+        constant = [float(name in (f"{prefix}_bias", f"{prefix}_weather")) for name in names]
+        return np.array(constant), np.array([float(name == f"{prefix}_scale") for name in names])
 
     def gate(self, dimensions: int) -> float:
         """Return the largest normalised innovation squared of so many dimensions that is used."""
