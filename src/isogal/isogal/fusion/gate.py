@@ -9,11 +9,6 @@ REJECTED = "rejected by the navigator: "
 """Begins the reason of a batch whose fix is beyond the gate."""
 
 
-def beyond(nis: float, allowed: float) -> str:
-    """Say by how much a measurement is beyond the gate."""
-    return f"normalised innovation squared {nis:.1f}, allowed {allowed:.1f}"
-
-
 def quantile(probability: float, dimensions: int) -> float:
     """Return what chi-square of so many dimensions exceeds with a probability; infinity for 0."""
     return float(chdtri(dimensions, probability)) if probability > 0.0 else math.inf

@@ -31,7 +31,7 @@ from isogal.inertial.rotations import (
     to_rotation_vector,
     to_small_rotation_vector,
 )
-from isogal.inertial.strapdown import step_at
+from isogal.inertial.strapdown import step
 
 CORE = FILTER_STATES
 HALF, LANES, CENTRE = 16, 32, 15
@@ -150,7 +150,7 @@ def propagate_points(
         versine = t2 * (0.5 + t2 * (-1.0 / 24.0 + t2 * (1.0 / 720.0 + t2 * (-1.0 / 40320.0))))
         bw, bx, by, bz = from_short_rotation_vector(points[6, i], points[7, i], points[8, i])
         bw, bx, by, bz = multiply(bw, bx, by, bz, qw, qx, qy, qz)
-        place, speed, turned = step_at(
+        place, speed, turned = step(
             s + (c * sine - s * versine),
             c - (s * sine + c * versine),
             (lat + turn, lon + points[1, i] * per_east, h - points[2, i]),

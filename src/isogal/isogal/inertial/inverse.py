@@ -67,11 +67,11 @@ def _solve(
     )
     turn = to_rotation_vector(tw, tx, ty, tz)
     a, u = np.array(turn), np.zeros(3)
-    end = (place, speed, first)
+    s, c, end = np.sin(start[0]), np.cos(start[0]), (place, speed, first)
     for k in range(ROUNDS):
         f = rotate(qw, -qx, -qy, -qz, u[0] / dt, u[1] / dt, u[2] / dt)
         w = rotate(qw, -qx, -qy, -qz, a[0] / dt, a[1] / dt, a[2] / dt)
-        end = step(place, speed, first, f, w, (0.0, 0.0, 0.0), dt, coning)
+        end = step(s, c, place, speed, first, f, w, (0.0, 0.0, 0.0), dt, coning)
         for i in range(3):
             sample[i], sample[3 + i] = f[i], w[i]
         if k + 1 < ROUNDS:

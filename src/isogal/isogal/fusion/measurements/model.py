@@ -10,7 +10,6 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.fusion.clone import inform_clone
-from isogal.fusion.gate import beyond
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
@@ -81,7 +80,7 @@ class Innovation:
         expected = np.zeros(len(innovation)) if expected is None else expected
         if nis <= allowed:
             return cls(Outcome.USED, innovation, nis, allowed, expected)
-        reason = beyond(nis, allowed)
+        reason = f"normalised innovation squared {nis:.1f}, allowed {allowed:.1f}"
         return cls(Outcome.REJECTED, innovation, nis, allowed, expected, reason)
 
     @classmethod
