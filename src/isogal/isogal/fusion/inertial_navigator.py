@@ -22,7 +22,6 @@ from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import error_between
 from isogal.fusion.outage import HELD, UnknownMotion, grow, steady_sample
-from isogal.fusion.passage import passage_of, rows_of
 from isogal.fusion.prediction import (
     TRACK_COLUMNS,
     FilterDivergenceError,
@@ -82,7 +81,7 @@ class InertialNavigator:
         state = mixture.merged
         self._unaided: list[Without] = []
         """See `unaided`: what was known at its last calls."""
-        self._rows = rows_of(model)
+        self._rows = model.passage_rows()
         self._kept = math.nan
         """Time of the errors that are kept along (`keep`), s; NaN = none."""
         self._newest_aid = -math.inf
@@ -343,7 +342,19 @@ class InertialNavigator:
         without = self.unaided(since) if self.model.judges_satellites else None
         if without is not None:
             jump, last = batch_difference(last.estimate, without.estimate), without
-        return passage_of(since, first.after.merged, last, self._rows, jump)
+        begin, rows, clone = first.after.merged, self._rows, last.clone
+        before, slow = rows @ begin.covariance @ rows.T, rows[BATCH_STATES:, 9:]
+        return Passage(
+            since,
+            before,
+            -clone.shift,
+            before + clone.change,
+            clone.cross @ rows.T,
+            rows @ last.covariance @ rows.T,
+            begin.velocity[:2].copy(),
+            np.array([slow @ np.concatenate(one.nominal[3:]) for one in (begin, last)]),
+            jump,
+        )
 
     def keep(self, time: float) -> None:
         """Keep the errors of a time (s) of the history along from then on, instead of those of

@@ -12,8 +12,19 @@ from isogal.fusion.auxiliary import AuxiliaryState, auxiliary_of
 from isogal.fusion.gate import quantile
 from isogal.fusion.sigma_points import merwe_weights
 from isogal.fusion.ukf import Assumptions
-from isogal.inertial.error_state import BATCH, FILTER_STATES
+from isogal.inertial.error_state import BATCH, FILTER_NAMES, FILTER_STATES
 from isogal.inertial.strapdown import MEANS, ROTATIONS
+
+SLOW = (
+    *((f"accelerometer_{axis}", f"accelerometer_in_run_{axis}") for axis in "xy"),
+    *((f"gyroscope_{axis}", f"gyroscope_in_run_{axis}") for axis in "xyz"),
+    ("gyroscope_scale_zz",),
+    ("velocity_scale",),
+    ("velocity_yaw",),
+)
+"""Sums of states that tilt the navigator, turn its heading or stretch its path: biases of the
+horizontal accelerometers (m/s²) and the gyroscopes (rad/s), the vertical gyroscope's scale factor,
+the velocity aid's scale factor and its yaw (rad)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +99,16 @@ class FilterModel:
         names = [one.name for one in self.auxiliary]
         constant = [float(name in (f"{prefix}_bias", f"{prefix}_weather")) for name in names]
         return np.array(constant), np.array([float(name == f"{prefix}_scale") for name in names])
+
+    def passage_rows(self) -> Array:
+        """Return (n, N) the states of a `Passage` per unit of the filter's."""
+        places = {name: k for k, name in enumerate(FILTER_NAMES)} | self.places
+        rows = [np.eye(self.states)[k] for k in BATCH]
+        for names in SLOW if self.slow_errors else ():
+            row = np.zeros(self.states)
+            row[[places[name] for name in names if name in places]] = 1.0
+            rows.append(row)
+        return np.array([row for row in rows if row.any()])
 
     def gate(self, dimensions: int) -> float:
         """Return the largest normalised innovation squared of so many dimensions that is used."""

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, fields
+from operator import attrgetter
 
 import numpy as np
 
@@ -70,7 +71,7 @@ class FilterState:
 
     def copy(self) -> "FilterState":
         """Return a state that shares nothing with this one."""
-        return FilterState(*(getattr(self, one.name).copy() for one in fields(self)))
+        return FilterState(*(part.copy() for part in _parts(self)))
 
     def arrays(self) -> tuple[Array, ...]:
         """Return all arrays, those of the mean first."""
@@ -107,3 +108,6 @@ class FilterState:
         w, x, y, z = self.attitude.tolist()
         of_earth = np.array(rotate(w, -x, -y, -z, north, 0.0, down))
         return angular_rate - self.gyroscope_bias - of_earth
+
+
+_parts = attrgetter(*(one.name for one in fields(FilterState)))
