@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from isogal.earth.frames import horizontal_difference
-from isogal.fusion.gate import quantile
 from isogal.fusion.measurements import (
     InformationUpdate,
     Innovation,
@@ -30,6 +29,7 @@ from isogal.fusion.measurements import (
 )
 from isogal.fusion.measurements.ground_velocity import GNSS
 from isogal.fusion.mixture import Mixture
+from isogal.fusion.model import quantile
 from isogal.fusion.state import FilterState
 
 if TYPE_CHECKING:

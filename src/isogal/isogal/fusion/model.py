@@ -2,14 +2,15 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Literal
 
 import numpy as np
+from scipy.special import chdtri
 
 from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fusion.auxiliary import AuxiliaryState, auxiliary_of
-from isogal.fusion.gate import quantile
 from isogal.fusion.sigma_points import merwe_weights
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import BATCH, FILTER_NAMES, FILTER_STATES
@@ -27,6 +28,12 @@ horizontal accelerometers (m/s²) and the gyroscopes (rad/s), the vertical gyros
 the velocity aid's scale factor and its yaw (rad)."""
 
 
+@cache
+def quantile(probability: float, dimensions: int) -> float:
+    """Return what chi-square of so many dimensions exceeds with a probability; infinity for 0."""
+    return float(chdtri(dimensions, probability)) if probability > 0.0 else math.inf
+
+
 @dataclass(frozen=True, slots=True)
 class FilterModel:
     """What the filter assumes about sensors and aids."""
@@ -41,8 +48,7 @@ class FilterModel:
     height_sigma: float = 0.1
     """1-sigma of a height that comes with the inertial data, known or measured, m; 0 = none."""
     alpha: float = 1.0
-    beta: float = 2.0
-    kappa: float = 0.0
+    """How far the sigma points are spread."""
     filter: Literal["compiled", "reference"] = "compiled"
     """Who filters: `isogal.fusion.ukf` or `isogal.fusion.reference`."""
     auxiliary: tuple[AuxiliaryState, ...] = ()
@@ -66,22 +72,18 @@ class FilterModel:
     """Whether inertial data may show that satellites are wrong."""
     places: dict[str, int] = field(init=False, repr=False, compare=False)
     """Where each auxiliary state stands among all, by its name."""
-    gates: tuple[float, ...] = field(init=False, repr=False, compare=False)
-    """The largest normalised innovation squared of 1, 2, ... 7 dimensions that is used."""
     assumptions: Assumptions = field(init=False, repr=False, compare=False)
     """The same as the compiled filter takes it."""
 
     def __post_init__(self) -> None:
-        scaling = self.alpha, self.beta, self.kappa
-        gates = tuple(quantile(self.false_rejection, 1 + k) for k in range(len(BATCH)))
         assumptions = Assumptions(
             self.dt,
             np.array(self.noise),
             self.height_sigma,
             *self.height_contents(),
-            gates[0] if self.height_measured else math.inf,
-            merwe_weights(*scaling, self.states),
-            scaling,
+            self.gate(1) if self.height_measured else math.inf,
+            merwe_weights(self.alpha, self.states),
+            self.alpha,
             auxiliary_of(self.auxiliary),
             self.gravity.compensation,
             ROTATIONS if self.preintegrated else MEANS,
@@ -90,7 +92,6 @@ class FilterModel:
         object.__setattr__(
             self, "places", {name: k for k, name in enumerate(names, FILTER_STATES)}
         )
-        object.__setattr__(self, "gates", gates)
         object.__setattr__(self, "assumptions", assumptions)
 
     def height_contents(self, prefix: str = "height") -> tuple[Array, Array]:
@@ -111,8 +112,9 @@ class FilterModel:
         return np.array([row for row in rows if row.any()])
 
     def gate(self, dimensions: int) -> float:
-        """Return the largest normalised innovation squared of so many dimensions that is used."""
-        return self.gates[dimensions - 1]
+        """Return the largest normalised innovation squared of so many dimensions that is used: a
+        measurement that cannot be right changes nothing (docs/mathematics.md, section 3.13)."""
+        return quantile(self.false_rejection, dimensions)
 
     @property
     def states(self) -> int:

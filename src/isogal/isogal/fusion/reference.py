@@ -12,6 +12,7 @@ from isogal.arrays import Array
 from isogal.fusion.auxiliary import add_input, ageing, readings
 from isogal.fusion.clone import Clone, inform_clone
 from isogal.fusion.nominal import Nominal, error_between, move
+from isogal.fusion.sigma_points import BETA
 from isogal.fusion.state import FilterState
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
@@ -42,7 +43,10 @@ def advance(
     track : (S, 13) array
         Receives the track (`isogal.fusion.prediction.TRACK_COLUMNS`).
     """
-    unscented, done = _unscented(state.covariance, assumptions), len(force)
+    size, done = len(state.covariance), len(force)
+    points = MerweScaledSigmaPoints(size, assumptions.alpha, BETA, 0.0)
+    unscented = UnscentedKalmanFilter(size, 1, assumptions.dt, hx=None, fx=None, points=points)
+    unscented.P, unscented.R = state.covariance.copy(), assumptions.height_sigma**2 * np.eye(1)
     for k, known in enumerate(height):
         try:
             end = _predict(unscented, state, force[k], rate[k], assumptions)
@@ -77,15 +81,6 @@ def _take_height(
     if float(unscented.y @ unscented.SI @ unscented.y) > assumptions.height_gate:
         unscented.x, unscented.P = x, P
     inform_clone(clone, P, unscented.P, unscented.x - x)
-
-
-def _unscented(covariance: Array, assumptions: Assumptions) -> UnscentedKalmanFilter:
-    size = len(covariance)
-    points = MerweScaledSigmaPoints(size, *assumptions.scaling)
-    unscented = UnscentedKalmanFilter(size, 1, assumptions.dt, hx=None, fx=None, points=points)
-    unscented.P = covariance.copy()
-    unscented.R *= assumptions.height_sigma**2
-    return unscented
 
 
 def _predict(

@@ -35,6 +35,8 @@ from isogal.inertial.strapdown import step
 
 CORE = FILTER_STATES
 HALF, LANES, CENTRE = 16, 32, 15
+BETA = 2.0
+"""Of a Gaussian."""
 NAVIGATION = 9
 """Error states that change over an interval: all but the biases."""
 
@@ -52,12 +54,13 @@ class Weights(NamedTuple):
 
 
 @cache
-def merwe_weights(alpha: float, beta: float, kappa: float, states: int = CORE) -> Weights:
+def merwe_weights(alpha: float, states: int = CORE) -> Weights:
     """Return the spread and the weights of the scaled sigma points of so many states (van der
-    Merwe 2004, section 3.2), equal to filterpy's, which would take a second to import."""
-    scaling = alpha**2 * (states + kappa) - states
+    Merwe 2004, section 3.2, with `BETA`, and kappa zero), equal to filterpy's, which would take a
+    second to import."""
+    scaling = alpha**2 * states - states
     total = states + scaling
-    return Weights(math.sqrt(total), scaling / total + (1.0 - alpha**2 + beta), 0.5 / total)
+    return Weights(math.sqrt(total), scaling / total + (1.0 - alpha**2 + BETA), 0.5 / total)
 
 
 @kernel(**INLINE)

@@ -61,8 +61,8 @@ class Assumptions(NamedTuple):
     height_gate: float
     """The largest normalised innovation squared of a height that is used."""
     weights: Weights
-    scaling: tuple[float, float, float]
-    """alpha, beta, kappa of the scaled transform, which the weights follow from."""
+    alpha: float
+    """Of the scaled transform, which the weights follow from."""
     auxiliary: Auxiliary
     compensation: Compensation
     """Horizontal gravity that the strapdown takes off."""

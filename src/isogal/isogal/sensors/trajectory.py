@@ -293,22 +293,10 @@ def _to_body(vector: Array, heading: Array) -> Array:
     )
 
 
-def rhumb_azimuth(lat_0: float, lon_0: float, lat_1: float, lon_1: float) -> float:
-    """Return the azimuth (rad from north) of the rhumb line between two points, by isometric
-    latitude (Snyder 1987, p. 44).
-
-    Parameters
-    ----------
-    lat_0, lon_0, lat_1, lon_1 : float
-        The first and the second point, rad.
-    """
+def _isometric(lat: float) -> float:
+    """Return the isometric latitude (Snyder 1987, p. 44)."""
     e = math.sqrt(E2)
-
-    def isometric(lat: float) -> float:
-        return math.atanh(math.sin(lat)) - e * math.atanh(e * math.sin(lat))
-
-    d_lon = math.remainder(lon_1 - lon_0, 2.0 * math.pi)
-    return math.atan2(d_lon, isometric(lat_1) - isometric(lat_0))
+    return math.atanh(math.sin(lat)) - e * math.atanh(e * math.sin(lat))
 
 
 class _Guide:
@@ -354,7 +342,8 @@ class _Guide:
                 math.degrees(target[0]),
             )
             return math.radians(inverse[0])
-        return rhumb_azimuth(lat, lon, target[0], target[1])
+        d_lon = math.remainder(target[1] - lon, 2.0 * math.pi)
+        return math.atan2(d_lon, _isometric(target[0]) - _isometric(lat))
 
     def _distance(self, lat: float, lon: float) -> float:
         return self._between(lat, lon, self.points[self.leg])

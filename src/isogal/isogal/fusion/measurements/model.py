@@ -44,7 +44,7 @@ class Innovation:
     nis: float = np.nan
     """Normalised innovation squared; of information beyond the gate a lower bound of it."""
     allowed: float = np.inf
-    """The largest that is used (`isogal.fusion.gate`)."""
+    """The largest that is used (`FilterModel.gate`)."""
     expected: Array = field(default_factory=NOTHING.copy)
     """(m,) what the navigator expected, in the measured axes."""
     reason: str | None = None

@@ -62,28 +62,26 @@ def _states(velocity: Velocity) -> Iterator[AuxiliaryState]:
         yield AuxiliaryState(name, "none", axis, current, time, length)
 
 
+_ANY = Velocity()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class VelocityReading(LinearMeasurement):
     """A reading of the velocity in body axes.
 
-    One that is slower than `standstill_speed` means that the vehicle stands still on the ground.
-    Where fixes have contradicted the navigator (`Widening`) others have to agree with it for a
-    while: its own velocity has no error that fixes do not correct in time, an aid that is not what
-    it says pulls it away from the truth again and again."""
+    One that is slower than the aid's `standstill_speed` means that the vehicle stands still on the
+    ground. Where fixes have contradicted the navigator (`Widening`) others have to agree with it
+    for a while: its own velocity has no error that fixes do not correct in time, an aid that is
+    not what it says pulls it away from the truth again and again."""
 
     velocity: Array
     """(3,) forward, right, down, m/s; NaN = not measured, but one of them is."""
     covariance: Array
     """(3, 3) of its white noise, (m/s)²."""
-    standstill_speed: float = 0.0
-    """m/s."""
-    standstill_sigma: float = 0.01
-    """m/s, 1-sigma of a velocity of zero."""
-    at_rest: AtRest | None = None
-    """What the gyroscopes read, which is used where the vehicle stands still."""
-    prefix: str = "velocity"
-    medium: str = "current"
-    """Of the names of its states."""
+    aid: Velocity = _ANY
+    """Which it is of."""
+    rate: Array | None = None
+    """(3,) what the gyroscopes read then, rad/s; None = not known."""
 
     @classmethod
     def of(
@@ -115,27 +113,16 @@ class VelocityReading(LinearMeasurement):
         if settings.kind == "wheels" and np.isnan(velocity[1]):
             velocity = np.array([velocity[0], 0.0, velocity[2]])
         R = stated(np.eye(3) * settings.number("sigma") ** 2, covariance)
-        at_rest = None
-        if rate is not None and settings.standstill_rate is not None:
-            at_rest = AtRest.of_gyroscopes(rate, settings.standstill_rate)
-        return cls(
-            velocity,
-            R,
-            settings.standstill_speed,
-            settings.standstill_sigma,
-            at_rest,
-            settings.prefix,
-            settings.medium,
-        )
+        return cls(velocity, R, settings, rate)
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
-        if np.linalg.norm(self.velocity[np.isfinite(self.velocity)]) < self.standstill_speed:
+        if np.linalg.norm(self.velocity[np.isfinite(self.velocity)]) < self.aid.standstill_speed:
             return self._update_at_standstill(state, model)
         rows = self.rows(state, model)
         if VELOCITY in state.contradicted:
             return update_once_it_agrees(state, model, rows)
-        result = update_insistent(state, model, rows, self.prefix)
+        result = update_insistent(state, model, rows, self.aid.prefix)
         if result.used:
             state.contradicted.pop(STANDSTILL, None)
         return result
@@ -145,8 +132,9 @@ class VelocityReading(LinearMeasurement):
         carried: zeros are used once the gyroscopes have agreed with so many as
         `standstill_waits` says."""
         rows = self._standing(state, model)
-        if self.at_rest is not None:
-            gyroscopes = self.at_rest.rows(state, model)
+        sigma = self.aid.standstill_rate
+        if sigma is not None and self.rate is not None:
+            gyroscopes = AtRest.of_gyroscopes(self.rate, sigma).rows(state, model)
             if standstill_waits(state, gyroscopes, squared(state, rows) > model.gate(3)):
                 return untrusted(state, model, rows, STANDSTILL, "the vehicle may be carried")
             update_linear(state, model, gyroscopes)
@@ -159,12 +147,12 @@ class VelocityReading(LinearMeasurement):
         to_body, H = matrix(state.attitude).T, np.zeros((3, model.states))
         H[:, 3:6], H[:, 6:9] = to_body, to_body @ cross_matrix(state.velocity)
         expected = to_body @ state.velocity
-        return Rows(np.zeros(3), expected, H, np.eye(3) * self.standstill_sigma**2)
+        return Rows(np.zeros(3), expected, H, np.eye(3) * self.aid.standstill_sigma**2)
 
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state, as of a vehicle that moves."""
         axes = np.flatnonzero(np.isfinite(self.velocity))
-        places = [model.places.get(name) for name in _names(self.prefix, self.medium)]
+        places = [model.places.get(name) for name in _names(self.aid.prefix, self.aid.medium)]
         errors = state.auxiliary.tolist()
         scale, about_right, about_down, *flow = (
             0.0 if at is None else errors[at - FILTER_STATES] for at in places
