@@ -99,8 +99,22 @@ def _predict(
     # at the nominal place for all points
     gravity = np.array([*horizontal_gravity(assumptions.compensation, state.position), 0.0])
 
+    read = readings(force, rate)
+
     def after(start: Nominal) -> Nominal:
-        return _after(start, force, rate, gravity, keep, assumptions)
+        """Return the state after one interval of the strapdown."""
+        total = np.zeros(9)
+        for j, value in enumerate(start.auxiliary):
+            add_input(assumptions.auxiliary, j, value, read, total)
+        beside = tuple((gravity + total[:3]).tolist())
+        felt = tuple((force - start.accelerometer_bias - total[3:6]).tolist())
+        turned = tuple((rate - start.gyroscope_bias - total[6:]).tolist())
+        latitude, first = start.position[0], (tuple(array.tolist()) for array in start[:3])
+        sine, cosine = np.sin(latitude), np.cos(latitude)
+        end = step(sine, cosine, *first, felt, turned, beside, dt, assumptions.coning)
+        biases = start.accelerometer_bias.copy(), start.gyroscope_bias.copy()
+        position, velocity, attitude = (np.array(part) for part in end)
+        return Nominal(position, velocity, attitude, *biases, keep * start.auxiliary)
 
     centre = after(state)
 
@@ -122,26 +136,3 @@ def _predict(
         clone.cross[:] = clone.cross @ np.linalg.solve(unscented.P, across)
     unscented.predict(fx=process)
     return centre
-
-
-def _after(
-    state: Nominal,
-    force: Array,
-    rate: Array,
-    gravity: Array,
-    keep: Array,
-    assumptions: Assumptions,
-) -> Nominal:
-    """Return the state after one interval of the strapdown."""
-    read, total = readings(force, rate), np.zeros(9)
-    for j, value in enumerate(state.auxiliary):
-        add_input(assumptions.auxiliary, j, value, read, total)
-    beside = tuple((gravity + total[:3]).tolist())
-    felt = tuple((force - state.accelerometer_bias - total[3:6]).tolist())
-    turned = tuple((rate - state.gyroscope_bias - total[6:]).tolist())
-    latitude, start = state.position[0], (tuple(array.tolist()) for array in state[:3])
-    turn = np.sin(latitude), np.cos(latitude)
-    after = step(*turn, *start, felt, turned, beside, assumptions.dt, assumptions.coning)
-    position, velocity, attitude = (np.array(part) for part in after)
-    biases = state.accelerometer_bias.copy(), state.gyroscope_bias.copy()
-    return Nominal(position, velocity, attitude, *biases, keep * state.auxiliary)

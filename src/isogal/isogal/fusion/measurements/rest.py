@@ -47,11 +47,6 @@ class AtRest(LinearMeasurement):
     rate_sigma: float | None = None
     """1-sigma of the noise of such a mean of a gyroscope, rad/s; None = its white noise's."""
 
-    @classmethod
-    def of_gyroscopes(cls, rate: Array, sigma: float) -> "AtRest":
-        """Return the measurement of zero rotation by gyroscopes of a 1-sigma (rad/s)."""
-        return cls(np.full(3, np.nan), rate, 1.0, sigma)
-
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state."""
         force, rate = sensed_at_rest(state.position, model)

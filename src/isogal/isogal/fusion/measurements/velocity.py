@@ -134,7 +134,7 @@ class VelocityReading(LinearMeasurement):
         rows = self._standing(state, model)
         sigma = self.aid.standstill_rate
         if sigma is not None and self.rate is not None:
-            gyroscopes = AtRest.of_gyroscopes(self.rate, sigma).rows(state, model)
+            gyroscopes = AtRest(np.full(3, np.nan), self.rate, 1.0, sigma).rows(state, model)
             if standstill_waits(state, gyroscopes, squared(state, rows) > model.gate(3)):
                 return untrusted(state, model, rows, STANDSTILL, "the vehicle may be carried")
             update_linear(state, model, gyroscopes)
