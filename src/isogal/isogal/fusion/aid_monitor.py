@@ -19,9 +19,8 @@ import numpy as np
 
 from isogal.earth.frames import horizontal_difference
 from isogal.fusion.measurements import (
-    InformationUpdate,
+    OF_FIXES,
     Innovation,
-    LearntMapError,
     Measurement,
     Outcome,
     PositionFix,
@@ -89,7 +88,7 @@ def by_itself(measurement: Measurement) -> bool:
     says, which is the posterior of a matcher less its prior, of a navigator with all aids."""
     if isinstance(measurement, PositionFix):
         return of_aid(measurement)
-    return not isinstance(measurement, InformationUpdate | LearntMapError | Widening)
+    return not isinstance(measurement, OF_FIXES)
 
 
 @dataclass(slots=True)

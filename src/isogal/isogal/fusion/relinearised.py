@@ -19,12 +19,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.clone import NO_CLONE
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import (
-    InformationUpdate,
-    LearntMapError,
-    Measurement,
-    Widening,
-)
+from isogal.fusion.measurements import OF_FIXES, Measurement
 from isogal.fusion.measurements.map_reading import MapReading, linear_map
 from isogal.fusion.segment import AT_ONCE
 from isogal.fusion.state import FilterState
@@ -33,8 +28,6 @@ from isogal.inertial.rotations import matrix
 from isogal.maps.tiled_map import ScalarMap
 from isogal.sensors.reduction import Reduction, State
 
-OF_FIXES = InformationUpdate, LearntMapError, Widening
-"""What fixes consist of that say more than a position."""
 ITERATIONS = 8
 """At most."""
 SETTLED = 0.05

@@ -24,7 +24,7 @@ trust            how an aid that was beyond the gate, or contradicted, is used a
 """
 
 from isogal.fusion.measurements.aids import reading_of
-from isogal.fusion.measurements.fix import LearntMapError, Widening, measurements_of
+from isogal.fusion.measurements.fix import OF_FIXES, LearntMapError, Widening, measurements_of
 from isogal.fusion.measurements.ground_velocity import GroundVelocity, satellite_velocity
 from isogal.fusion.measurements.heading import HeadingReading
 from isogal.fusion.measurements.height import HeightReading
@@ -36,6 +36,7 @@ from isogal.fusion.measurements.sample_noise import SampleNoise
 from isogal.fusion.measurements.velocity import VelocityReading
 
 __all__ = [
+    "OF_FIXES",
     "AtRest",
     "GroundVelocity",
     "HeadingReading",
