@@ -221,14 +221,11 @@ class InertialNavigator:
                 return untrusted
         for time, _ in measurements:
             self._segment_at(time)
-        indices = [self._index(time) for time, _ in measurements]
-        marked = [
-            (self._segments[k], one) for k, (_, one) in zip(indices, measurements, strict=True)
-        ]
-        first = min(indices)
+        marked = [(self._segment_at(time), one) for time, one in measurements]
+        oldest = min(time for time, _ in measurements)
+        first = self._index(oldest)
         aids = [time for time, one in measurements if of_aid(one)]
         self._newest_aid = max([self._newest_aid, *aids])
-        oldest = min(time for time, _ in measurements)
         while self._unaided and oldest <= self._unaided[-1].time + AT_ONCE:
             self._unaided.pop()
         before = self._segments[first].after.copy()
