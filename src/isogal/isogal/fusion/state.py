@@ -71,7 +71,7 @@ class FilterState:
 
     def copy(self) -> "FilterState":
         """Return a state that shares nothing with this one."""
-        return FilterState(*(part.copy() for part in _parts(self)))
+        return FilterState(*[part.copy() for part in _parts(self)])
 
     def arrays(self) -> tuple[Array, ...]:
         """Return all arrays, those of the mean first."""

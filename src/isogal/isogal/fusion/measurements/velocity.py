@@ -82,6 +82,9 @@ class VelocityReading(LinearMeasurement):
     """Which it is of."""
     rate: Array | None = None
     """(3,) what the gyroscopes read then, rad/s; None = not known."""
+    prefix: str = "velocity"
+    medium: str = "current"
+    """Of the names of its states: the aid's, which take it as long to say as all the rest."""
 
     @classmethod
     def of(
@@ -113,7 +116,7 @@ class VelocityReading(LinearMeasurement):
         if settings.kind == "wheels" and np.isnan(velocity[1]):
             velocity = np.array([velocity[0], 0.0, velocity[2]])
         R = stated(np.eye(3) * settings.number("sigma") ** 2, covariance)
-        return cls(velocity, R, settings, rate)
+        return cls(velocity, R, settings, rate, settings.prefix, settings.medium)
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
@@ -122,7 +125,7 @@ class VelocityReading(LinearMeasurement):
         rows = self.rows(state, model)
         if VELOCITY in state.contradicted:
             return update_once_it_agrees(state, model, rows)
-        result = update_insistent(state, model, rows, self.aid.prefix)
+        result = update_insistent(state, model, rows, self.prefix)
         if result.used:
             state.contradicted.pop(STANDSTILL, None)
         return result
@@ -152,7 +155,7 @@ class VelocityReading(LinearMeasurement):
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state, as of a vehicle that moves."""
         axes = np.flatnonzero(np.isfinite(self.velocity))
-        places = [model.places.get(name) for name in _names(self.aid.prefix, self.aid.medium)]
+        places = [model.places.get(name) for name in _names(self.prefix, self.medium)]
         errors = state.auxiliary.tolist()
         scale, about_right, about_down, *flow = (
             0.0 if at is None else errors[at - FILTER_STATES] for at in places
