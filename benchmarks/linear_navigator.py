@@ -13,7 +13,7 @@ import numpy as np
 from isogal.afterwards import readings_of
 from isogal.arrays import Array
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.relinearised import navigated_by_readings
+from isogal.fusion.relinearised import navigated
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
 from isogal.maps.several import RunMap, each_map
@@ -46,7 +46,7 @@ def linear_navigator(
         state = FilterState.start(estimate, model)
         state.covariance[:2, :2] = np.eye(2) * NEAR**2
         truth.append(state)
-    return navigated_by_readings(navigator.inertial, readings, time, truth)
+    return navigated(navigator.inertial, readings, time, truth)
 
 
 def paired(squared: Array, linear: Array) -> closed_loop.Figures:

@@ -15,7 +15,7 @@ from isogal.earth.gravity import normal_gravity_at
 from isogal.fusion.alignment import UNKNOWN
 from isogal.fusion.assumed import UNKNOWN_GRAVITY, filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import AtRest, Outcome, PositionFix, VelocityReading
+from isogal.fusion.measurements import Outcome, PositionFix, VelocityReading
 from isogal.fusion.measurements.trust import AGREEING, CONFIRMED
 from isogal.fusion.outage import (
     HELD,
@@ -29,7 +29,7 @@ from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import Estimate
 from isogal.inertial.rotations import cross_matrix, from_rotation_vector, matrix
 from isogal.navigator import Navigator
-from isogal.scenario import changed_scenario, load_scenario
+from isogal.scenario import Velocity, changed_scenario, load_scenario
 from isogal.seeds import generator
 
 FLIGHT = fly(route=ROUTE.model_copy(update={"duration": 900.0}))
@@ -72,7 +72,7 @@ def test_samples_at_either_side_say_how_steady_the_vehicle_was() -> None:
     inside = unknown.seen((nothing, nothing), manoeuvre=True)
     assert (inside.acceleration, inside.turn_rate) == (0.1, 1e-3)
     # after the time between manoeuvres one has come with 1 - 1/e
-    without, one = unknown.log_probabilities(600.0)
+    (without, _), (one, _) = unknown.possible(600.0, (nothing, nothing), (0.0, 0.0))
     assert np.exp(one) == pytest.approx(1.0 - np.exp(-1.0))
     assert np.exp(without) + np.exp(one) == pytest.approx(1.0)
 
@@ -209,6 +209,9 @@ CAR = changed_scenario(WHEELS, UNSURE, "test")
 MODEL = filter_model(CAR)
 
 
+CARRIED = Velocity(standstill_speed=0.1, standstill_sigma=0.05, standstill_rate=6e-4)
+
+
 def moving(*velocity: float, model=MODEL) -> FilterState:
     """A vehicle whose nose points north, with a velocity NED, m/s."""
     start = Estimate(np.array([0.7, -1.3, 0.0]), np.array(velocity), np.eye(4)[0])
@@ -239,7 +242,7 @@ def test_a_standstill_does_not_tell_the_heading():
     state.covariance[3:6] -= across @ state.covariance[6:9]
     state.covariance[:, 3:6] -= state.covariance[:, 6:9] @ across.T
     before = state.covariance[8, 8]
-    reading = VelocityReading(np.zeros(3), np.eye(3), math.inf, 0.05)
+    reading = VelocityReading(np.zeros(3), np.eye(3), Velocity(standstill_speed=1.0))
     assert reading.update(state, MODEL).used
     np.testing.assert_allclose(state.velocity, 0.0, atol=0.01)
     assert state.covariance[8, 8] == pytest.approx(before, rel=0.01)
@@ -275,8 +278,7 @@ def test_wheels_that_stand_of_a_vehicle_that_is_carried(speed, few):
     before = state.copy()
 
     def stands(rate: float, readings: int) -> set[Outcome]:
-        gyroscopes = AtRest.of_gyroscopes(np.array([0.0, 0.0, rate]), 6e-4)
-        reading = VelocityReading(np.zeros(3), np.eye(3), 0.1, 0.05, gyroscopes)
+        reading = VelocityReading(np.zeros(3), np.eye(3), CARRIED, np.array([0.0, 0.0, rate]))
         return {reading.update(state, MODEL).outcome for _ in range(readings)}
 
     assert stands(0.0, few) == {Outcome.UNTRUSTED}

@@ -143,16 +143,16 @@ def filter_start(random: np.random.Generator, sigma: np.ndarray, seed: int) -> F
 
 
 @pytest.mark.parametrize(
-    ("heading", "parameters"),
-    [(1e-3, (1.0, 2.0, 0.0)), (1e-3, (0.5, 2.0, 1.0)), (0.4, (1.0, 2.0, 0.0))],
+    ("heading", "alpha"),
+    [(1e-3, 1.0), (1e-3, 0.5), (0.4, 1.0)],
     ids=["default", "other weights", "unknown heading"],
 )
-def test_filter_equals_reference(heading: float, parameters: tuple[float, float, float]) -> None:
+def test_filter_equals_reference(heading: float, alpha: float) -> None:
     """Also where the heading is unknown to 0.4 rad: points 1.5 rad apart."""
     random, steps, sigma = np.random.default_rng(2), 4, SIGMA.copy()
     sigma[8] = heading
     noise = (8e-5, 7e-5, 1e-2, 5e-9, 6e-9, 1.5e-7)
-    model = FilterModel(noise, tuple(sigma), 1.0, 0.1, *parameters)
+    model = FilterModel(noise, tuple(sigma), 1.0, 0.1, alpha)
     for seed in range(5):
         start = filter_start(random, sigma, seed)
         force = random.normal(0.0, 10.0, (steps, 3))

@@ -96,14 +96,12 @@ def readings_of(
     found = []
     each = assumed.each_field
     for one, name, field_map, read in zip(each, assumed.field_names, maps, sensed, strict=True):
-        of_field = figures
-        if one is not each[0]:
-            prefix = f"{name}."
-            of_field = {
-                key.removeprefix(prefix): value
-                for key, value in figures.items()
-                if key.startswith(prefix)
-            }
+        prefix = "" if one is each[0] else f"{name}."
+        of_field = {
+            key.removeprefix(prefix): value
+            for key, value in figures.items()
+            if key.startswith(prefix)
+        }
         errors = _errors(one.gravimeter, one.matcher, name, of_field)
         channels = channels_of(field_map)
         if errors is None or read is None or len(channels) > 1 or read.readings.ndim > 1:

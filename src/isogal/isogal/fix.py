@@ -28,7 +28,7 @@ class Status(Enum):
     FAILED = "failed"
     """It has raised an exception, or its fix is not finite (`isogal.matching.failures`)."""
     REJECTED = "rejected"
-    """The matcher gives one, which the navigator does not believe (`isogal.fusion.gate`)."""
+    """The matcher gives one, which the navigator does not believe (`isogal.fusion.model`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

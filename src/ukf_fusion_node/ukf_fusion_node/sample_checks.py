@@ -299,13 +299,13 @@ class SampleReport:
 
     def alignment(self, alignment: Alignment) -> None:
         """Tell how far an alignment is."""
-        progress = alignment.progress
+        share, text = alignment.progress
         self._health.figures |= {
-            "aligned": progress.aligned,
-            "aligned, %": round(100.0 * progress.share),
-            "heading 1-sigma, mrad": 1e3 * progress.heading,
+            "aligned": alignment.aligned,
+            "aligned, %": round(100.0 * share),
+            "heading 1-sigma, mrad": 1e3 * alignment.heading_sigma,
         }
-        self._health.concern("aligning", None if progress.aligned else progress.text)
+        self._health.concern("aligning", None if alignment.aligned else text)
 
     def unfit(self, ns: int) -> None:
         """Note that a fix did not agree with the filter, at a stamp of that."""

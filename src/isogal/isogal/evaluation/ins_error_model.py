@@ -139,16 +139,14 @@ def _dynamics(segments: Segments, part: slice, states: Sequence[AuxiliaryState])
     F = np.zeros((len(geometry), STATES + len(states), STATES + len(states)))
     for one in zip(F, geometry, force, rotation, strict=True):
         fill_dynamics(*one)
+    sensed = np.concatenate([np.einsum("sij,si->sj", rotation, force), rate], axis=1)
     for at, state in enumerate(states, STATES):
-        kind, axis = state.enters, state.axis
-        source = axis if state.source is None else state.source
-        if kind == "gravity" and axis < 2:
-            F[:, 2 + axis, at] = 1.0
-        elif kind.startswith("accelerometer"):
-            scale = kind.endswith("scale")
-            size = np.einsum("si,si->s", rotation[..., source], force) if scale else 1.0
-            F[:, 2:4, at] = (rotation[:, :2, axis].T * size).T
-        elif kind.startswith("gyroscope"):
-            size = rate[:, source] if kind.endswith("scale") else 1.0
-            F[:, 4:7, at] = (rotation[..., axis].T * size).T
+        row, share = state.input
+        size = sensed[:, share - 1] if share else 1.0
+        if row >= 6:
+            F[:, 4:7, at] = (rotation[..., row - 6].T * size).T
+        elif row >= 3:
+            F[:, 2:4, at] = (rotation[:, :2, row - 3].T * size).T
+        elif row in (0, 1):
+            F[:, 2 + row, at] = 1.0
     return F

@@ -12,7 +12,6 @@ standstill          whether a vehicle that was at rest still is
 outage              what is still known after a time without inertial data
 sample_stream       samples of a fast IMU, one by one, as steps of the navigator
 model, assumed      what the filter assumes; the same from a scenario
-gate                which measurements are rejected
 protection_level    radius that the horizontal error seldom exceeds
 
 auxiliary           states beside the fifteen: what disturbs the dynamics slowly

@@ -18,11 +18,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from isogal.earth.frames import horizontal_difference
-from isogal.fusion.gate import quantile
 from isogal.fusion.measurements import (
-    InformationUpdate,
+    OF_FIXES,
     Innovation,
-    LearntMapError,
     Measurement,
     Outcome,
     PositionFix,
@@ -30,6 +28,7 @@ from isogal.fusion.measurements import (
 )
 from isogal.fusion.measurements.ground_velocity import GNSS
 from isogal.fusion.mixture import Mixture
+from isogal.fusion.model import quantile
 from isogal.fusion.state import FilterState
 
 if TYPE_CHECKING:
@@ -89,7 +88,7 @@ def by_itself(measurement: Measurement) -> bool:
     says, which is the posterior of a matcher less its prior, of a navigator with all aids."""
     if isinstance(measurement, PositionFix):
         return of_aid(measurement)
-    return not isinstance(measurement, InformationUpdate | LearntMapError | Widening)
+    return not isinstance(measurement, OF_FIXES)
 
 
 @dataclass(slots=True)

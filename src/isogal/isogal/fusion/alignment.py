@@ -91,18 +91,6 @@ COURSE_SIGMA = 0.1
 """rad, 1-sigma of the difference: leeway, current, the mounting of the sensors."""
 
 
-class Progress(NamedTuple):
-    """How far an alignment is."""
-
-    share: float
-    """0 to 1, by the logarithm of the heading's 1-sigma."""
-    heading: float
-    """1-sigma, rad."""
-    text: str
-    """For example `aligning 40 %, heading +- 2.1 mrad`."""
-    aligned: bool
-
-
 class _Velocity(NamedTuple):
     """A velocity that was measured."""
 
@@ -237,25 +225,26 @@ class Alignment(InertialNavigator):
         return min(UNKNOWN, math.sqrt(-2.0 * math.log(max(mean, 1e-9))))
 
     @property
-    def progress(self) -> Progress:
-        """How far it is."""
+    def progress(self) -> tuple[float, str]:
+        """How far it is: 0 to 1, by the logarithm of the heading's 1-sigma; and in words, for
+        example `aligning 40 %, heading ± 2.1 mrad`."""
         sigma = self.heading_sigma
-        whole = math.log(UNKNOWN / self.aim)
-        share = 1.0 if self.aligned else min(0.99, max(0.0, math.log(UNKNOWN / sigma) / whole))
+        if self.aligned:
+            return 1.0, "aligned"
+        if not self._placed:
+            return 0.0, "aligning 0 %: waits for a position"
+        share = math.log(UNKNOWN / sigma) / math.log(UNKNOWN / self.aim)
+        share = min(0.99, max(0.0, share))
         size = f"{1e3 * sigma:.2g} mrad" if sigma < 0.1 else f"{math.degrees(sigma):.0f} deg"
         text = f"aligning {100.0 * share:.0f} %, heading ± {size}"
-        if self.aligned:
-            text = f"aligned, heading ± {size}"
-        elif not self._placed:
-            text = "aligning 0 %: waits for a position"
-        elif self.poor and sigma > POOR:
+        if self.poor and sigma > POOR:
             text += (
                 f": the gyroscopes find north to {math.degrees(self.north):.0f} deg at best;"
                 " waits for a course, a heading or a pose"
             )
         elif self._start is None and not self._resting:
             text += ": waits for a velocity"
-        return Progress(share, sigma, text, self.aligned)
+        return share, text
 
     def imu(
         self,
@@ -370,8 +359,8 @@ class Alignment(InertialNavigator):
         R[absent, absent], velocity[absent] = NOT_MEASURED**2, 0.0
         of_body = isinstance(measured, VelocityReading)
         speed = float(np.linalg.norm(velocity))
-        if isinstance(measured, VelocityReading) and measured.standstill_speed > speed:
-            slowest = 3.0 * measured.standstill_speed
+        if isinstance(measured, VelocityReading) and measured.aid.standstill_speed > speed:
+            slowest = 3.0 * measured.aid.standstill_speed
         self._resting = speed < slowest and self._still.seconds > 0.0
         before = self._before.get(of_body)
         self._velocity = self._before[of_body] = _Velocity(time, velocity, R, of_body)

@@ -11,10 +11,9 @@ from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements.heading import heading_error_states
 from isogal.fusion.measurements.height import (
     UNKNOWN_HEIGHT,
-    height_contents,
     height_error_states,
 )
-from isogal.fusion.measurements.position_aid import position_error_states
+from isogal.fusion.measurements.position import position_error_states
 from isogal.fusion.measurements.velocity import velocity_error_states
 from isogal.fusion.model import FilterModel
 from isogal.scenario import Assumed, PositionAid
@@ -65,20 +64,20 @@ def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> Filte
     tilt, heading = max(initial.tilt, _ATTITUDE_FLOOR), max(initial.heading, _ATTITUDE_FLOOR)
     up = UNKNOWN_HEIGHT if height.measured else KNOWN_HEIGHT
     sigma = (position, position, up, velocity, velocity, 0.01, tilt, tilt, heading)
-    auxiliary = (
+    possible = (
         *_gravity_states(gravity),
         *imu_states.states(sensors),
-        *height_error_states(height),
-        *(state for aid in assumed.heights or () for state in height_error_states(aid)),
+        *(one for aid in (height, *(assumed.heights or ())) for one in height_error_states(aid)),
         *velocity_error_states(assumed.velocity_aids),
         *(
-            state
+            one
             for aid in assumed.aids
             if isinstance(aid, PositionAid)
-            for state in position_error_states(aid, height.measured)
+            for one in position_error_states(aid, height.measured)
         ),
-        *(state for aid in assumed.headings or () for state in heading_error_states(aid)),
+        *(one for aid in assumed.headings or () for one in heading_error_states(aid)),
     )
+    auxiliary = tuple(one for one in possible if one.sigma > 0.0)
     turn = noise[5] * math.sqrt(SOON) + sensors.gyroscope.bias[2] * SOON
     unsure = math.hypot(heading, turn) > UNSURE
     biases = np.maximum(bias_sigma(sensors), _BIAS_FLOOR)
@@ -90,7 +89,6 @@ def filter_model(assumed: Assumed, gravity: KnownGravity | None = None) -> Filte
         filter=assumed.fusion.filter,
         height_sigma=height.sigma if height.measured else KNOWN_HEIGHT,
         height_measured=height.measured,
-        height_contents=height_contents(auxiliary) if height.measured else (),
         alpha=CLOSE if unsure else 1.0,
         unsure_heading=unsure,
         slow_errors=unsure or bool(assumed.velocity_aids) or assumed.gnss.doubted or adrift,
@@ -113,15 +111,12 @@ def _drift(accelerometer: float, gyroscope: float) -> float:
 
 def _gravity_states(gravity: KnownGravity) -> tuple[AuxiliaryState, ...]:
     """Return the residual to north and to east, first-order Gauss-Markov processes along the track
-    (Jekeli 2001, section 6.6; docs/mathematics.md, section 3.9); none where nothing is left.
+    (Jekeli 2001, section 6.6; docs/mathematics.md, section 3.9).
 
     Their 1-sigma and length hold until the matcher has learnt how wrong the map is
     (`isogal.fusion.state.FilterState.residual_gravity`)."""
-    if gravity.residual_sigma == 0.0:
-        return ()
+    sigma, length = gravity.residual_sigma, gravity.residual_length
     return tuple(
-        AuxiliaryState(
-            name, "gravity", axis, gravity.residual_sigma, length=gravity.residual_length
-        )
+        AuxiliaryState(name, "gravity", axis, sigma, length=length)
         for axis, name in enumerate(("gravity_north", "gravity_east"))
     )

@@ -22,15 +22,8 @@ from isogal.inertial.rotations import INLINE, rotate
 Enters = Literal[
     "gravity", "accelerometer", "accelerometer_scale", "gyroscope", "gyroscope_scale", "none"
 ]
-_CODES: tuple[Enters, ...] = (
-    "gravity",
-    "accelerometer",
-    "gyroscope",
-    "accelerometer_scale",
-    "gyroscope_scale",
-    "none",
-)
-GRAVITY, ACCELEROMETER, GYROSCOPE, ACCELEROMETER_SCALE, GYROSCOPE_SCALE, NONE = range(6)
+_INPUTS = "gravity", "accelerometer", "gyroscope"
+"""What an interval takes in, three axes each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,16 +50,25 @@ class AuxiliaryState:
     """Axis whose reading a share is of, where it is another one: the state is then a misalignment.
     """
 
+    @property
+    def input(self) -> tuple[int, int]:
+        """Which of gravity (3), accelerometers (3) and gyroscopes (3) it enters, -1 = none; and
+        which of 1, specific force (3) and angular rate (3) it is a share of (`readings`)."""
+        sensor = self.enters.removesuffix("_scale")
+        if sensor == "none":
+            return -1, 0
+        first = 3 * _INPUTS.index(sensor)
+        source = self.axis if self.source is None else self.source
+        return first + self.axis, 0 if sensor == self.enters else first - 2 + source
+
 
 class Auxiliary(NamedTuple):
     """The auxiliary states as the kernels take them."""
 
-    enters: Integers
-    """(M,) code of what each enters."""
-    axis: Integers
-    """(M,)."""
-    source: Integers
-    """(M,) axis whose reading a share is of."""
+    row: Integers
+    """(M,) which input each enters, and"""
+    share: Integers
+    """(M,) of what it is a share: see `AuxiliaryState.input`."""
     variance: Array
     """(M,) of the steady process."""
     per_second: Array
@@ -79,92 +81,73 @@ class Auxiliary(NamedTuple):
 
 def auxiliary_of(states: Sequence[AuxiliaryState]) -> Auxiliary:
     """Return the states as the kernels take them."""
-    codes = [_CODES.index(state.enters) for state in states]
-    return Auxiliary(
-        np.array(codes, dtype=np.int64),
-        np.array([state.axis for state in states], dtype=np.int64),
-        np.array(
-            [state.axis if state.source is None else state.source for state in states],
-            dtype=np.int64,
-        ),
-        np.array([state.sigma**2 for state in states], dtype=float),
-        np.array([1.0 / state.time for state in states], dtype=float),
-        np.array([1.0 / state.length for state in states], dtype=float),
-        np.array([state.walk**2 for state in states], dtype=float),
-    )
+    inputs = np.array([one.input for one in states], dtype=np.int64).reshape(-1, 2)
+    process = [(one.sigma**2, 1.0 / one.time, 1.0 / one.length, one.walk**2) for one in states]
+    return Auxiliary(*inputs.T.copy(), *np.reshape(np.array(process, float), (-1, 4)).T.copy())
 
 
 @kernel(**INLINE)
-def of_gravity(auxiliary: Auxiliary, residual: Array) -> Auxiliary:
-    """Return the states where those of gravity have a 1-sigma (m/s²) and a correlation length (m):
-    `residual` (2,); zeros = their own."""
-    variance, per_metre = auxiliary.variance.copy(), auxiliary.per_metre.copy()
-    for j in range(len(auxiliary.enters)):
-        if auxiliary.enters[j] == GRAVITY and residual[1] > 0.0:
-            variance[j] = residual[0] * residual[0]
-            per_metre[j] = 1.0 / residual[1]
-    return Auxiliary(
-        auxiliary.enters, auxiliary.axis, auxiliary.source, variance, auxiliary.per_second,
-        per_metre, auxiliary.walk,
-    )  # fmt: skip
+def readings(force: Array, rate: Array) -> Array:
+    """Return (7,) what auxiliary states may be shares of: 1, specific force, angular rate."""
+    return np.array([1.0, force[0], force[1], force[2], rate[0], rate[1], rate[2]])
 
 
 @kernel(**INLINE)
-def add_gravity(auxiliary: Auxiliary, left: Array, more: float) -> None:
-    """Let a variance of `more`, (m/s²)², join that of the states of gravity in place; `left` (M,)
-    without it."""
-    for j in range(len(auxiliary.enters)):
-        if auxiliary.enters[j] == GRAVITY:
-            auxiliary.variance[j] = left[j] + more
-
-
-@kernel(**INLINE)
-def add_input(
-    auxiliary: Auxiliary, j: int, value: float, force: Array, rate: Array, total: Array
+def ageing(
+    auxiliary: Auxiliary,
+    residual: Array,
+    more: float,
+    velocity: Array,
+    dt: float,
+    keep: Array,
+    fresh: Array,
 ) -> None:
+    """Write how much of each auxiliary state an interval keeps, exp(-time / T - distance / L), to
+    `keep` (M,), and the variance that comes in, such that that of its process stays, to `fresh`
+    (M,).
+
+    Those of gravity have a 1-sigma (m/s²) and a correlation length (m) of their own where
+    `residual` (2,) is not zero, and a variance of `more`, (m/s²)², beside that."""
+    distance = dt * math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1])
+    for j in range(len(keep)):
+        variance, per_metre = auxiliary.variance[j], auxiliary.per_metre[j]
+        if 0 <= auxiliary.row[j] < 3:
+            if residual[1] > 0.0:
+                variance, per_metre = residual[0] * residual[0], 1.0 / residual[1]
+            variance += more
+        keep[j] = math.exp(-dt * auxiliary.per_second[j] - distance * per_metre)
+        fresh[j] = variance * (1.0 - keep[j] * keep[j]) + auxiliary.walk[j] * dt
+
+
+@kernel(**INLINE)
+def add_input(auxiliary: Auxiliary, j: int, value: float, read: Array, total: Array) -> None:
     """Add what a value of state j does in an interval to `total` (9,): gravity (NED, m/s²),
-    reading of the accelerometers (body, m/s²), of the gyroscopes (body, rad/s).
-
-    `force`, `rate` (3,) are the interval's readings."""
-    enters, axis = auxiliary.enters[j], auxiliary.axis[j]
-    if enters <= GYROSCOPE:
-        total[3 * enters + axis] += value
-    elif enters == ACCELEROMETER_SCALE:
-        total[3 + axis] += value * force[auxiliary.source[j]]
-    elif enters == GYROSCOPE_SCALE:
-        total[6 + axis] += value * rate[auxiliary.source[j]]
+    reading of the accelerometers (body, m/s²), of the gyroscopes (body, rad/s). `read` (7,) are
+    the interval's `readings`."""
+    if auxiliary.row[j] >= 0:
+        total[auxiliary.row[j]] += value * read[auxiliary.share[j]]
 
 
 @kernel(**INLINE)
-def spread_input(
-    auxiliary: Auxiliary, force: Array, rate: Array, points: Array, pushes: Array
-) -> None:
+def spread_input(auxiliary: Auxiliary, read: Array, points: Array, pushes: Array) -> None:
     """Write what the auxiliary part of each sigma point does in an interval, (9, lanes) as
     `add_input`."""
-    first, lanes = FILTER_STATES, points.shape[1]
+    lanes = points.shape[1]
     for axis in range(9):
         for i in range(lanes):
             pushes[axis, i] = 0.0
-    for j in range(len(auxiliary.enters)):
-        enters, axis = auxiliary.enters[j], auxiliary.axis[j]
-        if enters == NONE:
-            continue
-        if enters == ACCELEROMETER_SCALE:
-            row, factor = 3 + axis, force[auxiliary.source[j]]
-        elif enters == GYROSCOPE_SCALE:
-            row, factor = 6 + axis, rate[auxiliary.source[j]]
-        else:
-            row, factor = 3 * enters + axis, 1.0
-        for i in range(lanes):
-            pushes[row, i] += factor * points[first + j, i]
+    for j in range(len(auxiliary.row)):
+        row, factor = auxiliary.row[j], read[auxiliary.share[j]]
+        if row >= 0:
+            for i in range(lanes):
+                pushes[row, i] += factor * points[FILTER_STATES + j, i]
 
 
 @kernel(**INLINE)
 def tail_points(
     auxiliary: Auxiliary,
     attitude: Array,
-    force: Array,
-    rate: Array,
+    read: Array,
     dt: float,
     factor: Array,
     odd: Array,
@@ -176,14 +159,14 @@ def tail_points(
     Such a point moves no core state at the start; a constant acceleration and angular rate move
     velocity, position and attitude linearly, the latter tilting the specific force by half of its
     turn on the mean. `total` (9,) is work space."""
-    first, size = FILTER_STATES, FILTER_STATES + len(auxiliary.enters)
+    first, size = FILTER_STATES, FILTER_STATES + len(auxiliary.row)
     w, x, y, z = attitude[0], attitude[1], attitude[2], attitude[3]
-    fn, fe, fd = rotate(w, x, y, z, force[0], force[1], force[2])
+    fn, fe, fd = rotate(w, x, y, z, read[1], read[2], read[3])
     for k in range(first, size):
         for i in range(9):
             total[i] = 0.0
         for j in range(k, size):
-            add_input(auxiliary, j - first, factor[k, j], force, rate, total)
+            add_input(auxiliary, j - first, factor[k, j], read, total)
         pull = rotate(w, x, y, z, -total[3], -total[4], -total[5])
         turn = rotate(w, x, y, z, -total[6], -total[7], -total[8])
         half = 0.5 * dt
@@ -204,19 +187,15 @@ def tail_points(
 
 
 @kernel(**INLINE)
-def age(auxiliary: Auxiliary, mean: Array, velocity: Array, dt: float, covariance: Array) -> None:
-    """Let the auxiliary states of an interval change to those of the next, in place: x' = a x + w
-    with a = exp(-time / T - distance / L) and w such that the variance stays."""
-    first, size = FILTER_STATES, FILTER_STATES + len(auxiliary.enters)
-    if size == first:
-        return
-    distance = dt * math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1])
-    for j in range(size - first):
-        at = first + j
-        a = math.exp(-dt * auxiliary.per_second[j] - distance * auxiliary.per_metre[j])
-        mean[j] *= a
+def age(keep: Array, fresh: Array, mean: Array, covariance: Array) -> None:
+    """Let the auxiliary states (M,) of an interval change to those of the next, in place, by what
+    `ageing` has written."""
+    size = FILTER_STATES + len(keep)
+    for j in range(len(keep)):
+        at = FILTER_STATES + j
+        mean[j] *= keep[j]
         for i in range(size):
-            covariance[at, i] *= a
+            covariance[at, i] *= keep[j]
         for i in range(size):
-            covariance[i, at] *= a
-        covariance[at, at] += auxiliary.variance[j] * (1.0 - a * a) + auxiliary.walk[j] * dt
+            covariance[i, at] *= keep[j]
+        covariance[at, at] += fresh[j]

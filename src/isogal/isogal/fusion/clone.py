@@ -9,7 +9,6 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.compiled import kernel
-from isogal.fusion.auxiliary import Auxiliary
 from isogal.fusion.sigma_points import CORE, Weights
 from isogal.inertial.rotations import INLINE
 from isogal.matrices import inverse_of_lower, lower, product, product_transposed
@@ -56,9 +55,7 @@ def carry_clone(
     factor: Array,
     odd: Array,
     weights: Weights,
-    auxiliary: Auxiliary,
-    velocity: Array,
-    dt: float,
+    keep: Array,
     clone: Clone,
     work: Array,
 ) -> None:
@@ -67,9 +64,9 @@ def carry_clone(
 
     L is the covariance's factor before it (`factor`, a row a column: `sigma_points.factorise`), O
     has the halves of the differences of opposite points (`sigma_points.moments`) with their
-    weights; the auxiliary states age. `work` (W,) is work space."""
+    weights; of the auxiliary states so much is left as `keep` (M,) says. `work` (W,) is work
+    space."""
     paired = 2.0 * weights.other * weights.spread
-    distance = dt * math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1])
     for i in range(clone.cross.shape[0]):
         row = clone.cross[i]
         for k in range(n):
@@ -85,9 +82,8 @@ def carry_clone(
             for k in range(n):
                 row[k] += value * odd[point, k]
     for j in range(n - CORE):
-        left = math.exp(-dt * auxiliary.per_second[j] - distance * auxiliary.per_metre[j])
         for i in range(clone.cross.shape[0]):
-            clone.cross[i, CORE + j] *= left
+            clone.cross[i, CORE + j] *= keep[j]
 
 
 @kernel(**INLINE)

@@ -15,7 +15,6 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
-from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.measurements import AtRest
 from isogal.fusion.measurements.rest import sensed_at_rest
 from isogal.fusion.mixture import Mixture
@@ -48,15 +47,10 @@ def north_sigma(model: FilterModel, latitude: float) -> float:
     latitude : float
         rad.
     """
-    in_run = [_sigma(model, f"gyroscope_in_run_{axis}") for axis in "xy"]
+    sigmas = {one.name: one.sigma for one in model.auxiliary}
+    in_run = [sigmas.get(f"gyroscope_in_run_{axis}", 0.0) for axis in "xy"]
     bias = np.hypot(model.initial_sigma[12:14], in_run)
     return float(np.sqrt(np.mean(bias**2)) / (EARTH_RATE * max(math.cos(latitude), 1e-6)))
-
-
-def _sigma(model: FilterModel, name: str) -> float:
-    """Return the 1-sigma of an auxiliary state, 0 where there is none."""
-    found: list[AuxiliaryState] = [one for one in model.auxiliary if one.name == name]
-    return found[0].sigma if found else 0.0
 
 
 def between_directions(body: Array, navigation: Array) -> Array:

@@ -18,24 +18,22 @@ from isogal.scenario.inertial import Axes
 _AXES = "xyz"
 
 
-def states(sensors: ImuErrors) -> tuple[AuxiliaryState, ...]:
-    """Return the states of inertial sensors; none where they have only biases and white noise."""
+def states(sensors: ImuErrors) -> Iterator[AuxiliaryState]:
+    """Yield the states of inertial sensors; those with a 1-sigma of 0 are none."""
     force, rate = sensors.accelerometer, sensors.gyroscope
-    return (
-        *_in_run(force, "accelerometer"),
-        *_in_run(rate, "gyroscope"),
-        *_shares(force.scale_factor, "accelerometer_scale", ((0, 0), (1, 1))),
-        *_shares(rate.scale_factor, "gyroscope_scale", ((2, 2),)),
-        *_shares(rate.misalignment, "gyroscope_scale", ((0, 2), (1, 2))),
-    )
+    yield from _in_run(force, "accelerometer")
+    yield from _in_run(rate, "gyroscope")
+    yield from _shares(force.scale_factor, "accelerometer_scale", ((0, 0), (1, 1)))
+    yield from _shares(rate.scale_factor, "gyroscope_scale", ((2, 2),))
+    yield from _shares(rate.misalignment, "gyroscope_scale", ((0, 2), (1, 2)))
 
 
 def _in_run(errors: SensorErrors, name: Enters) -> Iterator[AuxiliaryState]:
     """Yield the in-run biases of three accelerometers or gyroscopes."""
-    for axis, sigma in enumerate(errors.bias_instability):
-        if sigma > 0.0:
-            time = errors.bias_time[axis]
-            yield AuxiliaryState(f"{name}_in_run_{_AXES[axis]}", name, axis, sigma, time=time)
+    for axis, (sigma, time) in enumerate(
+        zip(errors.bias_instability, errors.bias_time, strict=True)
+    ):
+        yield AuxiliaryState(f"{name}_in_run_{_AXES[axis]}", name, axis, sigma, time=time)
 
 
 def _shares(
@@ -44,6 +42,5 @@ def _shares(
     """Yield shares of the reading of an axis (the second of each pair) in that of another, or in
     its own."""
     for axis, source in pairs:
-        if sigma[axis] > 0.0:
-            name = f"{enters}_{_AXES[axis]}{_AXES[source]}"
-            yield AuxiliaryState(name, enters, axis, sigma[axis], source=source)
+        name = f"{enters}_{_AXES[axis]}{_AXES[source]}"
+        yield AuxiliaryState(name, enters, axis, sigma[axis], source=source)

@@ -22,14 +22,13 @@ from isogal.fusion.mixture import Mixture
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import error_between
 from isogal.fusion.outage import HELD, UnknownMotion, grow, steady_sample
-from isogal.fusion.passage import passage_of, rows_of
 from isogal.fusion.prediction import (
     TRACK_COLUMNS,
     FilterDivergenceError,
     propagate,
     require_definite,
 )
-from isogal.fusion.segment import AT_ONCE, Segment, joined, runs
+from isogal.fusion.segment import AT_ONCE, Segment
 from isogal.fusion.smoothing import smoothed
 from isogal.fusion.state import FilterState
 from isogal.inertial.dead_reckoning import dead_reckoned
@@ -82,7 +81,7 @@ class InertialNavigator:
         state = mixture.merged
         self._unaided: list[Without] = []
         """See `unaided`: what was known at its last calls."""
-        self._rows = rows_of(model)
+        self._rows = model.passage_rows()
         self._kept = math.nan
         """Time of the errors that are kept along (`keep`), s; NaN = none."""
         self._newest_aid = -math.inf
@@ -222,14 +221,11 @@ class InertialNavigator:
                 return untrusted
         for time, _ in measurements:
             self._segment_at(time)
-        indices = [self._index(time) for time, _ in measurements]
-        marked = [
-            (self._segments[k], one) for k, (_, one) in zip(indices, measurements, strict=True)
-        ]
-        first = min(indices)
+        marked = [(self._segment_at(time), one) for time, one in measurements]
+        oldest = min(time for time, _ in measurements)
+        first = self._index(oldest)
         aids = [time for time, one in measurements if of_aid(one)]
         self._newest_aid = max([self._newest_aid, *aids])
-        oldest = min(time for time, _ in measurements)
         while self._unaided and oldest <= self._unaided[-1].time + AT_ONCE:
             self._unaided.pop()
         before = self._segments[first].after.copy()
@@ -343,7 +339,19 @@ class InertialNavigator:
         without = self.unaided(since) if self.model.judges_satellites else None
         if without is not None:
             jump, last = batch_difference(last.estimate, without.estimate), without
-        return passage_of(since, first.after.merged, last, self._rows, jump)
+        begin, rows, clone = first.after.merged, self._rows, last.clone
+        before, slow = rows @ begin.covariance @ rows.T, rows[BATCH_STATES:, 9:]
+        return Passage(
+            since,
+            before,
+            -clone.shift,
+            before + clone.change,
+            clone.cross @ rows.T,
+            rows @ last.covariance @ rows.T,
+            begin.velocity[:2].copy(),
+            np.array([slow @ np.concatenate(one.nominal[3:]) for one in (begin, last)]),
+            jump,
+        )
 
     def keep(self, time: float) -> None:
         """Keep the errors of a time (s) of the history along from then on, instead of those of
@@ -394,14 +402,11 @@ class InertialNavigator:
             return None
         if self._unaided and self._unaided[-1].since != since:
             self._unaided.clear()
-        if self._unaided:
-            before = self._unaided[-1]
-        else:
-            before = Without(since, since, self._segments[self._index(since)].after)
-        now = self.later(before)
-        if now.time > before.time + AT_ONCE:
-            self._unaided = [*self._unaided[1 - _LATE :], now]
-        return now.after.merged
+        if not self._unaided:
+            begin = self._segments[self._index(since)].after
+            self._unaided.append(Without(since, since, begin))
+        self._unaided = [*self._unaided[1 - _LATE :], self.later(self._unaided[-1])]
+        return self._unaided[-1].after.merged
 
     @property
     def without_satellites(self) -> Without | None:
@@ -413,9 +418,9 @@ class InertialNavigator:
         """Return what is known at the newest sample without an aid, by its name, or without all
         that say where the vehicle is, and without what fixes say."""
         one = before.after
-        for run in runs(self._segments[self._index(before.time) + 1 :]):
-            one, _ = self._carried(one, joined(run))
-            for measurement in run[-1].measurements:
+        for segment in self._segments[self._index(before.time) + 1 :]:
+            one, _ = self._carried(one, segment)
+            for measurement in segment.measurements:
                 if not of_aid(measurement, source) and by_itself(measurement):
                     one.update(measurement, self.model)
         return Without(before.since, self.time, one)

@@ -2,17 +2,36 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Literal
 
 import numpy as np
+from scipy.special import chdtri
 
+from isogal.arrays import Array
 from isogal.fields.known_gravity import KnownGravity
 from isogal.fusion.auxiliary import AuxiliaryState, auxiliary_of
-from isogal.fusion.gate import quantile
 from isogal.fusion.sigma_points import merwe_weights
 from isogal.fusion.ukf import Assumptions
-from isogal.inertial.error_state import BATCH, FILTER_STATES
+from isogal.inertial.error_state import BATCH, FILTER_NAMES, FILTER_STATES
 from isogal.inertial.strapdown import MEANS, ROTATIONS
+
+SLOW = (
+    *((f"accelerometer_{axis}", f"accelerometer_in_run_{axis}") for axis in "xy"),
+    *((f"gyroscope_{axis}", f"gyroscope_in_run_{axis}") for axis in "xyz"),
+    ("gyroscope_scale_zz",),
+    ("velocity_scale",),
+    ("velocity_yaw",),
+)
+"""Sums of states that tilt the navigator, turn its heading or stretch its path: biases of the
+horizontal accelerometers (m/s²) and the gyroscopes (rad/s), the vertical gyroscope's scale factor,
+the velocity aid's scale factor and its yaw (rad)."""
+
+
+@cache
+def quantile(probability: float, dimensions: int) -> float:
+    """Return what chi-square of so many dimensions exceeds with a probability; infinity for 0."""
+    return float(chdtri(dimensions, probability)) if probability > 0.0 else math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +48,7 @@ class FilterModel:
     height_sigma: float = 0.1
     """1-sigma of a height that comes with the inertial data, known or measured, m; 0 = none."""
     alpha: float = 1.0
-    beta: float = 2.0
-    kappa: float = 0.0
+    """How far the sigma points are spread."""
     filter: Literal["compiled", "reference"] = "compiled"
     """Who filters: `isogal.fusion.ukf` or `isogal.fusion.reference`."""
     auxiliary: tuple[AuxiliaryState, ...] = ()
@@ -44,9 +62,6 @@ class FilterModel:
     says; 0 = no gate."""
     height_measured: bool = False
     """Whether such a height is a sensor's; one that is known passes no gate."""
-    height_contents: tuple[tuple[float, float], ...] = ()
-    """What a measured height contains of each auxiliary state: a constant, and a share of the
-    height, 1/m; () = nothing."""
     unsure_heading: bool = False
     """Whether the heading may be wrong by more than what sines are linear in."""
     slow_errors: bool = False
@@ -57,25 +72,18 @@ class FilterModel:
     """Whether inertial data may show that satellites are wrong."""
     places: dict[str, int] = field(init=False, repr=False, compare=False)
     """Where each auxiliary state stands among all, by its name."""
-    gates: tuple[float, ...] = field(init=False, repr=False, compare=False)
-    """The largest normalised innovation squared of 1, 2, ... 7 dimensions that is used."""
     assumptions: Assumptions = field(init=False, repr=False, compare=False)
     """The same as the compiled filter takes it."""
 
     def __post_init__(self) -> None:
-        scaling = self.alpha, self.beta, self.kappa
-        gates = tuple(quantile(self.false_rejection, 1 + k) for k in range(len(BATCH)))
-        contents = self.height_contents or [(0.0, 0.0)] * len(self.auxiliary)
-        offset, share = np.reshape(contents, (-1, 2)).T
         assumptions = Assumptions(
             self.dt,
             np.array(self.noise),
             self.height_sigma,
-            offset.copy(),
-            share.copy(),
-            gates[0] if self.height_measured else math.inf,
-            merwe_weights(*scaling, self.states),
-            scaling,
+            *self.height_contents(),
+            self.gate(1) if self.height_measured else math.inf,
+            merwe_weights(self.alpha, self.states),
+            self.alpha,
             auxiliary_of(self.auxiliary),
             self.gravity.compensation,
             ROTATIONS if self.preintegrated else MEANS,
@@ -84,12 +92,29 @@ class FilterModel:
         object.__setattr__(
             self, "places", {name: k for k, name in enumerate(names, FILTER_STATES)}
         )
-        object.__setattr__(self, "gates", gates)
         object.__setattr__(self, "assumptions", assumptions)
 
+    def height_contents(self, prefix: str = "height") -> tuple[Array, Array]:
+        """Return what a reading of a height sensor contains of each auxiliary state: (M,) as it
+        is, and (M,) per m of the height. `prefix` is of the names of the sensor's states."""
+        names = [one.name for one in self.auxiliary]
+        constant = [float(name in (f"{prefix}_bias", f"{prefix}_weather")) for name in names]
+        return np.array(constant), np.array([float(name == f"{prefix}_scale") for name in names])
+
+    def passage_rows(self) -> Array:
+        """Return (n, N) the states of a `Passage` per unit of the filter's."""
+        places = {name: k for k, name in enumerate(FILTER_NAMES)} | self.places
+        rows = [np.eye(self.states)[k] for k in BATCH]
+        for names in SLOW if self.slow_errors else ():
+            row = np.zeros(self.states)
+            row[[places[name] for name in names if name in places]] = 1.0
+            rows.append(row)
+        return np.array([row for row in rows if row.any()])
+
     def gate(self, dimensions: int) -> float:
-        """Return the largest normalised innovation squared of so many dimensions that is used."""
-        return self.gates[dimensions - 1]
+        """Return the largest normalised innovation squared of so many dimensions that is used: a
+        measurement that cannot be right changes nothing (docs/mathematics.md, section 3.13)."""
+        return quantile(self.false_rejection, dimensions)
 
     @property
     def states(self) -> int:

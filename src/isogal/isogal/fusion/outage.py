@@ -160,11 +160,8 @@ class UnknownMotion:
             return [(0.0, replace(one, turn_rate=math.sqrt(variance) / seconds))]
         if seconds <= HELD or manoeuvre == steady:
             return [(0.0, steady)]
-        return list(zip(self.log_probabilities(seconds), (steady, manoeuvre), strict=True))
-
-    def log_probabilities(self, seconds: float) -> tuple[float, float]:
-        """Return the log probabilities that a gap has no manoeuvre, and that it has one."""
-        return -seconds / self.between, math.log(-math.expm1(-seconds / self.between))
+        none = -seconds / self.between
+        return [(none, steady), (math.log(-math.expm1(none)), manoeuvre)]
 
 
 def outage_covariance(seconds: float, speed: float, motion: UnknownMotion) -> Array:

@@ -2,7 +2,6 @@
 (docs/mathematics.md, section 3.5)."""
 
 import math
-from types import ModuleType
 
 import numpy as np
 
@@ -20,13 +19,6 @@ _LOST = "the filter's covariance is not positive definite"
 
 class FilterDivergenceError(RuntimeError):
     """The covariance lost positive definiteness: the filter's numbers can no longer be trusted."""
-
-
-def _reference() -> ModuleType:
-    """Return `isogal.fusion.reference`, which takes some time to import."""
-    from isogal.fusion import reference
-
-    return reference
 
 
 def propagate(
@@ -59,9 +51,12 @@ def propagate(
     if dt is not None and dt != assumed.dt:
         assumed = assumed._replace(dt=dt)
     track = np.empty((len(specific_force), TRACK_COLUMNS))
-    samples = [_in_one_layout(part) for part in (specific_force, angular_rate, height)]
+    force, rate = _in_one_layout(specific_force), _in_one_layout(angular_rate)
+    samples = force, rate, _in_one_layout(height)
     if model.filter == "reference":
-        done = _reference().advance(state, *samples, assumed, track)
+        from isogal.fusion import reference  # takes some time
+
+        done = reference.advance(state, *samples, assumed, track)
     else:
         mean, known = state.nominal, (state.covariance, state.residual_gravity)
         done = ukf.advance(mean, *known, *samples, assumed, track, state.clone)

@@ -14,7 +14,6 @@ error."""
 
 import math
 from functools import lru_cache
-from typing import cast
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -116,24 +115,14 @@ def _level_of_ratio(per_time: float) -> Array:
     """Return the polynomial (Chebyshev) of b / a that is the level in units of a, for so many
     exceedances per correlation time."""
     nodes = 0.5 * (1.0 + chebyshev.chebpts1(_DEGREE + 1))
-    spread = INFLATION * _spread(np.ones_like(nodes), nodes)
+    phi = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
+    spread = INFLATION * (np.cos(phi) ** 2 + np.multiply.outer(nodes**2, np.sin(phi) ** 2))
     # beyond the largest rate; the level of the roundest ellipse of 1e-12 is below the other end
     low, high = np.full(nodes.size, np.sqrt(2.0 * INFLATION)), np.full(nodes.size, 30.0)
     for _ in range(45):
         middle = 0.5 * (low + high)
-        over = _crossings(middle[:, None] ** 2 / spread) > per_time
+        rho = middle[:, None] ** 2 / spread  # squared, of each direction
+        density = np.exp(-(0.5 * FREEDOM + 1.0) * np.log1p(rho / FREEDOM))
+        over = (rho * density).mean(axis=-1) > per_time
         low, high = np.where(over, middle, low), np.where(over, high, middle)
     return chebyshev.chebfit(2.0 * nodes - 1.0, 0.5 * (low + high), _DEGREE)
-
-
-def _spread(major: Array, minor: Array) -> Array:
-    """Return a² cos² phi + b² sin² phi (..., directions)."""
-    phi = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
-    spread = np.multiply.outer(major**2, np.cos(phi) ** 2)
-    return cast(Array, spread + np.multiply.outer(minor**2, np.sin(phi) ** 2))
-
-
-def _crossings(rho: Array) -> Array:
-    """Return h f(h), the exceedances per correlation time; rho is rho² (..., directions)."""
-    log_density = -(0.5 * FREEDOM + 1.0) * np.log1p(rho / FREEDOM)
-    return cast(Array, (rho * np.exp(log_density)).mean(axis=-1))

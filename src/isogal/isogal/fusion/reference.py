@@ -9,9 +9,10 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from isogal.arrays import Array
-from isogal.fusion.auxiliary import Auxiliary, add_gravity, add_input, of_gravity
+from isogal.fusion.auxiliary import add_input, ageing, readings
 from isogal.fusion.clone import Clone, inform_clone
 from isogal.fusion.nominal import Nominal, error_between, move
+from isogal.fusion.sigma_points import BETA
 from isogal.fusion.state import FilterState
 from isogal.fusion.ukf import Assumptions
 from isogal.inertial.error_state import FILTER_STATES
@@ -42,15 +43,13 @@ def advance(
     track : (S, 13) array
         Receives the track (`isogal.fusion.prediction.TRACK_COLUMNS`).
     """
-    learnt = of_gravity(assumptions.auxiliary, state.residual_gravity)
-    left, assumptions = learnt.variance.copy(), assumptions._replace(auxiliary=learnt)
-    unscented, done = _unscented(state.covariance, assumptions), len(force)
+    size, done = len(state.covariance), len(force)
+    points = MerweScaledSigmaPoints(size, assumptions.alpha, BETA, 0.0)
+    unscented = UnscentedKalmanFilter(size, 1, assumptions.dt, hx=None, fx=None, points=points)
+    unscented.P, unscented.R = state.covariance.copy(), assumptions.height_sigma**2 * np.eye(1)
     for k, known in enumerate(height):
-        spread = 0.5 * float(np.trace(unscented.P[:2, :2]))
-        add_gravity(learnt, left, misplaced(assumptions.compensation, spread))
-        samples = force[k], rate[k]
         try:
-            end = _predict(unscented, state.nominal, *samples, assumptions, state.clone)
+            end = _predict(unscented, state, force[k], rate[k], assumptions)
             if assumptions.height_sigma > 0.0 and not np.isnan(known):
                 _take_height(unscented, float(known), end, assumptions, state.clone)
         except (np.linalg.LinAlgError, ValueError):  # not positive definite, or not finite
@@ -84,31 +83,38 @@ def _take_height(
     inform_clone(clone, P, unscented.P, unscented.x - x)
 
 
-def _unscented(covariance: Array, assumptions: Assumptions) -> UnscentedKalmanFilter:
-    size = len(covariance)
-    points = MerweScaledSigmaPoints(size, *assumptions.scaling)
-    unscented = UnscentedKalmanFilter(size, 1, assumptions.dt, hx=None, fx=None, points=points)
-    unscented.P = covariance.copy()
-    unscented.R *= assumptions.height_sigma**2
-    return unscented
-
-
 def _predict(
     unscented: UnscentedKalmanFilter,
-    state: Nominal,
+    of: FilterState,
     force: Array,
     rate: Array,
     assumptions: Assumptions,
-    clone: Clone,
 ) -> Nominal:
     """Predict over one interval; return the nominal state at its end, which filterpy's x is
     relative to then."""
-    correlation, power = _ageing(assumptions.auxiliary, state.velocity, assumptions.dt)
+    state, clone, dt = of.nominal, of.clone, assumptions.dt
+    keep, fresh = np.empty((2, len(state.auxiliary)))
+    more = misplaced(assumptions.compensation, 0.5 * float(np.trace(unscented.P[:2, :2])))
+    ageing(assumptions.auxiliary, of.residual_gravity, more, state.velocity, dt, keep, fresh)
     # at the nominal place for all points
     gravity = np.array([*horizontal_gravity(assumptions.compensation, state.position), 0.0])
 
-    def after(of: Nominal) -> Nominal:
-        return _after(of, force, rate, gravity, correlation, assumptions)
+    read = readings(force, rate)
+
+    def after(start: Nominal) -> Nominal:
+        """Return the state after one interval of the strapdown."""
+        total = np.zeros(9)
+        for j, value in enumerate(start.auxiliary):
+            add_input(assumptions.auxiliary, j, value, read, total)
+        beside = tuple((gravity + total[:3]).tolist())
+        felt = tuple((force - start.accelerometer_bias - total[3:6]).tolist())
+        turned = tuple((rate - start.gyroscope_bias - total[6:]).tolist())
+        latitude, first = start.position[0], (tuple(array.tolist()) for array in start[:3])
+        sine, cosine = np.sin(latitude), np.cos(latitude)
+        end = step(sine, cosine, *first, felt, turned, beside, dt, assumptions.coning)
+        biases = start.accelerometer_bias.copy(), start.gyroscope_bias.copy()
+        position, velocity, attitude = (np.array(part) for part in end)
+        return Nominal(position, velocity, attitude, *biases, keep * start.auxiliary)
 
     centre = after(state)
 
@@ -118,45 +124,15 @@ def _predict(
         return error_between(after(moved), centre)
 
     unscented.x = np.zeros(len(unscented.P))
-    axes, noise = matrix(centre.attitude), np.square(assumptions.noise) * assumptions.dt
+    axes, noise = matrix(centre.attitude), np.square(assumptions.noise) * dt
     unscented.Q = np.zeros_like(unscented.P)
     unscented.Q[3:6, 3:6] = axes @ np.diag(noise[:3]) @ axes.T
     unscented.Q[6:9, 6:9] = axes @ np.diag(noise[3:]) @ axes.T
-    unscented.Q[FILTER_STATES:, FILTER_STATES:] = np.diag(power)
+    unscented.Q[FILTER_STATES:, FILTER_STATES:] = np.diag(fresh)
     if len(clone.shift):
         before = unscented.points_fn.sigma_points(unscented.x, unscented.P)
-        unscented.compute_process_sigmas(assumptions.dt, process)
+        unscented.compute_process_sigmas(dt, process)
         across = (unscented.Wc[:, None] * before).T @ unscented.sigmas_f
         clone.cross[:] = clone.cross @ np.linalg.solve(unscented.P, across)
     unscented.predict(fx=process)
     return centre
-
-
-def _ageing(auxiliary: Auxiliary, velocity: Array, dt: float) -> tuple[Array, Array]:
-    """Return (M,) the correlation of auxiliary states over an interval, and the variance that
-    comes in."""
-    distance = np.hypot(velocity[0], velocity[1]) * dt
-    correlation = np.exp(-dt * auxiliary.per_second - distance * auxiliary.per_metre)
-    return correlation, auxiliary.variance * (1.0 - correlation**2) + auxiliary.walk * dt
-
-
-def _after(
-    state: Nominal,
-    force: Array,
-    rate: Array,
-    gravity: Array,
-    correlation: Array,
-    assumptions: Assumptions,
-) -> Nominal:
-    """Return the state after one interval of the strapdown."""
-    total = np.zeros(9)
-    for j, value in enumerate(state.auxiliary):
-        add_input(assumptions.auxiliary, j, value, force, rate, total)
-    beside = tuple((gravity + total[:3]).tolist())
-    felt = tuple((force - state.accelerometer_bias - total[3:6]).tolist())
-    turned = tuple((rate - state.gyroscope_bias - total[6:]).tolist())
-    start = (tuple(array.tolist()) for array in state[:3])
-    after = step(*start, felt, turned, beside, assumptions.dt, assumptions.coning)
-    position, velocity, attitude = (np.array(part) for part in after)
-    biases = state.accelerometer_bias.copy(), state.gyroscope_bias.copy()
-    return Nominal(position, velocity, attitude, *biases, correlation * state.auxiliary)

@@ -9,7 +9,7 @@ smoother: García-Fernández, Svensson & Särkkä 2017; docs/mathematics.md, sec
 
 from bisect import bisect_left
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,12 +19,7 @@ from isogal.earth.frames import horizontal_difference
 from isogal.fusion.auxiliary import AuxiliaryState
 from isogal.fusion.clone import NO_CLONE
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.measurements import (
-    InformationUpdate,
-    LearntMapError,
-    Measurement,
-    Widening,
-)
+from isogal.fusion.measurements import OF_FIXES, Measurement
 from isogal.fusion.measurements.map_reading import MapReading, linear_map
 from isogal.fusion.segment import AT_ONCE
 from isogal.fusion.state import FilterState
@@ -33,8 +28,6 @@ from isogal.inertial.rotations import matrix
 from isogal.maps.tiled_map import ScalarMap
 from isogal.sensors.reduction import Reduction, State
 
-OF_FIXES = InformationUpdate, LearntMapError, Widening
-"""What fixes consist of that say more than a position."""
 ITERATIONS = 8
 """At most."""
 SETTLED = 0.05
@@ -67,27 +60,17 @@ class Readings:
         at = State(latitude, longitude, height, velocity[:, 0], velocity[:, 1], attitude)
         reduced = np.asarray(self.reduction.reduce(self.sensed, at))
         jacobian, by_height = self.reduction.jacobian(at), self.reduction.height_slope(at)
-        near = linear_map(self.field_map, place[:, 0], place[:, 1], covariance)
-        residual = reduced - near.value
+        value, slope, left = linear_map(self.field_map, latitude, longitude, covariance)
+        residual, variance = reduced - value, self.variance + left
+        by_error = np.column_stack([slope - jacobian[:, :2], by_height, -jacobian[:, 2:]])
         reference = np.column_stack([place, velocity[:, :2]])
         contents = [one.name for one in self.errors]
-        found: list[MapReading | None] = []
-        for k in range(len(self.time)):
-            if not (np.isfinite(residual[k]) and np.isfinite(near.left[k])):
-                found.append(None)
-                continue
-            found.append(
-                MapReading(
-                    reference[k],
-                    float(residual[k]),
-                    near.slope[k],
-                    jacobian[k],
-                    float(by_height[k]),
-                    self.variance + float(near.left[k]),
-                    contents,
-                )
-            )
-        return found
+        each = zip(reference, residual.tolist(), by_error, variance.tolist(), strict=True)
+        exists = np.isfinite(residual) & np.isfinite(variance)
+        return [
+            MapReading(*one, contents) if is_there else None
+            for one, is_there in zip(each, exists, strict=True)
+        ]
 
 
 def smoothed_by_readings(
@@ -115,8 +98,7 @@ def smoothed_by_readings(
     every = np.unique(np.concatenate([np.asarray(time, float), *(one.time for one in readings)]))
     track, known = navigator.smoothed(every), every >= since
     for _ in range(ITERATIONS):
-        measured = _by_time(readings, every, track, known)
-        new = _navigated(navigator, readings, measured, lost).smoothed(every)
+        new = navigated(navigator, readings, every, track, known, lost).smoothed(every)
         settled = known.all() and _moved(new, track) < SETTLED
         track, known = new, np.ones_like(known)
         if settled:
@@ -124,13 +106,15 @@ def smoothed_by_readings(
     return [track[k] for k in np.searchsorted(every, time).tolist()]
 
 
-def navigated_by_readings(
+def navigated(
     navigator: InertialNavigator,
     readings: Sequence[Readings],
     time: Array,
     track: Sequence[FilterState],
+    known: Booleans | None = None,
+    lost: Array | None = None,
 ) -> InertialNavigator:
-    """Return a navigator that has had what another one has had, but all readings instead of fixes.
+    """Return a navigator that has had what another one has had, but readings instead of fixes.
 
     Parameters
     ----------
@@ -142,42 +126,45 @@ def navigated_by_readings(
         s, rising, with the times of all readings.
     track : sequence of K FilterState
         States about which readings are linear.
+    known : (K,) array of bool, optional
+        Which of these states readings may be linear about; default: all.
+    lost : (7, 7) array, optional
+        See `smoothed_by_readings`.
     """
-    measured = _by_time(readings, time, track, np.ones(len(time), dtype=bool))
-    return _navigated(navigator, readings, measured, np.zeros((len(BATCH), len(BATCH))))
-
-
-def _by_time(
-    readings: Sequence[Readings], every: Array, track: Sequence[FilterState], known: Booleans
-) -> dict[float, list[Measurement]]:
-    """Return the readings about a track at times (K,), s, by their times, without those at times
-    at which it is not known."""
-    found: dict[float, list[Measurement]] = defaultdict(list)
+    measured: dict[float, list[Measurement]] = defaultdict(list)
     for one in readings:
-        where = np.searchsorted(every, one.time)
+        where = np.searchsorted(time, one.time)
         made = one.measurements([track[k] for k in where.tolist()])
-        for k, time, reading in zip(where.tolist(), one.time.tolist(), made, strict=True):
-            if reading is not None and known[k]:
-                found[time].append(reading)
-    return found
+        for k, stamp, reading in zip(where.tolist(), one.time.tolist(), made, strict=True):
+            if reading is not None and (known is None or known[k]):
+                measured[stamp].append(reading)
+    again = _again(navigator, readings, lost)
+    segments = navigator.history(np.array(sorted(measured)))
+    ends = [segment.end for segment in segments]
+    of_segment = {bisect_left(ends, at - AT_ONCE): those for at, those in measured.items()}
+    for index, segment in enumerate(segments[1:], 1):
+        samples = segment.time, segment.force, segment.rate, segment.height
+        again.imu(*samples, segment.missing)
+        others = [one for one in segment.measurements if not isinstance(one, OF_FIXES)]
+        for measurement in (*others, *of_segment.get(index, ())):
+            again.measure(segment.end, measurement)
+    return again
 
 
 def _again(
-    navigator: InertialNavigator, readings: Sequence[Readings], lost: Array
+    navigator: InertialNavigator, readings: Sequence[Readings], lost: Array | None
 ) -> InertialNavigator:
     """Return a navigator at the start of the history, with the readings' errors as states, which
     knows what has been learnt of the gravity map and of aids."""
     errors = tuple(state for one in readings for state in one.errors)
     model, newest = navigator.model, navigator.state
-    contents = model.height_contents
-    if contents:
-        contents = (*contents, *((0.0, 0.0) for _ in errors))
     first = navigator.history(np.empty(0))[0]
     before, size = first.after.merged, model.states
     variance = np.diag([one.sigma**2 for one in errors])
     covariance = np.zeros((size + len(errors),) * 2)
     covariance[:size, :size], covariance[size:, size:] = before.covariance, variance
-    covariance[np.ix_(BATCH, BATCH)] += lost
+    if lost is not None:
+        covariance[np.ix_(BATCH, BATCH)] += lost
     learnt = newest.residual_gravity
     for at, one in enumerate(model.auxiliary, size - len(model.auxiliary)):
         if one.enters == "gravity" and learnt[0] > 0.0:
@@ -190,32 +177,9 @@ def _again(
         clone=NO_CLONE,
         contradicted=newest.contradicted,
     )
-    with_errors = replace(model, auxiliary=(*model.auxiliary, *errors), height_contents=contents)
+    with_errors = replace(model, auxiliary=(*model.auxiliary, *errors))
     sample = first.force[-1], first.rate[-1]
     return InertialNavigator(with_errors, start, first.end, np.inf, navigator.motion, sample)
-
-
-def _navigated(
-    navigator: InertialNavigator,
-    readings: Sequence[Readings],
-    measured: Mapping[float, Sequence[Measurement]],
-    lost: Array,
-) -> InertialNavigator:
-    """Return a navigator that has been given what another one has been, with readings, of which
-    measurements at their times are made, in place of fixes."""
-    again = _again(navigator, readings, lost)
-    segments = navigator.history(np.array(sorted(measured)))
-    ends = [segment.end for segment in segments]
-    of_segment: dict[int, Sequence[Measurement]] = {
-        bisect_left(ends, time - AT_ONCE): those for time, those in measured.items()
-    }
-    for index, segment in enumerate(segments[1:], 1):
-        samples = segment.time, segment.force, segment.rate, segment.height
-        again.imu(*samples, segment.missing)
-        others = [one for one in segment.measurements if not isinstance(one, OF_FIXES)]
-        for one in (*others, *of_segment.get(index, ())):
-            again.measure(segment.end, one)
-    return again
 
 
 def _moved(states: Sequence[FilterState], before: Sequence[FilterState]) -> float:

@@ -1,7 +1,6 @@
 """A piece of a navigator's history (`isogal.fusion.inertial_navigator`)."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,8 +12,6 @@ from isogal.fusion.outage import HELD, UnknownMotion, keep_going
 
 AT_ONCE = 1e-6
 """s by which two stamps may differ that are the same time."""
-TOGETHER = 100
-"""Samples in a run: more at once are no faster."""
 
 
 @dataclass(slots=True, eq=False)
@@ -46,10 +43,6 @@ class Segment:
         """s."""
         return float(self.time[-1])
 
-    def goes_on(self, later: "Segment") -> bool:
-        """Whether a later segment's samples follow on this one's as if of the same segment."""
-        return later.change is None and abs(later.dt - self.dt) < AT_ONCE
-
     def bridged(
         self, before: Mixture, model: FilterModel, motion: UnknownMotion
     ) -> tuple[Mixture, list[UnknownMotion]]:
@@ -74,18 +67,11 @@ class Segment:
     def part(self, first: int, last: int, cut: tuple[float, float] = (0.0, 0.0)) -> "Segment":
         """Return the samples from one to before another, less two times (s) at the beginning and
         at the end, which may be of a single sample."""
-        part = replace(
-            self,
-            time=self.time[first:last] - cut[1],
-            force=self.force[first:last],
-            rate=self.rate[first:last],
-            height=self.height[first:last],
-            track=self.track[first:last],
-            dt=self.dt - sum(cut),
-            measurements=[],
-        )
-        if first > 0 or cut[0] > 0.0:
-            part.missing, part.change = 0.0, None
+        which, dt = slice(first, last), self.dt - sum(cut)
+        samples = self.force[which], self.rate[which], self.height[which]
+        part = Segment(self.time[which] - cut[1], *samples, dt, self.after, self.track[which])
+        if first == 0 and cut[0] == 0.0:
+            part.missing, part.change = self.missing, self.change
         return part
 
     def divided(self, time: float) -> "list[Segment]":
@@ -104,34 +90,3 @@ class Segment:
             parts.append(self.part(k + 1, count))
         parts[-1].measurements = self.measurements
         return parts
-
-
-def runs(segments: Sequence[Segment]) -> Iterator[list[Segment]]:
-    """Yield segments that follow one another in runs that go on from each other, with measurements
-    after the last of them only, of not many more samples than `TOGETHER`."""
-    run: list[Segment] = []
-    for segment in segments:
-        if run and not run[-1].goes_on(segment):
-            yield run
-            run = []
-        run.append(segment)
-        if segment.measurements or sum(len(one.time) for one in run) > TOGETHER:
-            yield run
-            run = []
-    if run:
-        yield run
-
-
-def joined(segments: Sequence[Segment]) -> Segment:
-    """Return a run as one segment."""
-    if len(segments) == 1:
-        return segments[0]
-    return replace(
-        segments[0],
-        time=np.concatenate([one.time for one in segments]),
-        force=np.concatenate([one.force for one in segments]),
-        rate=np.concatenate([one.rate for one in segments]),
-        height=np.concatenate([one.height for one in segments]),
-        track=np.concatenate([one.track for one in segments]),
-        measurements=segments[-1].measurements,
-    )

@@ -31,10 +31,12 @@ from isogal.inertial.rotations import (
     to_rotation_vector,
     to_small_rotation_vector,
 )
-from isogal.inertial.strapdown import step_at
+from isogal.inertial.strapdown import step
 
 CORE = FILTER_STATES
 HALF, LANES, CENTRE = 16, 32, 15
+BETA = 2.0
+"""Of a Gaussian."""
 NAVIGATION = 9
 """Error states that change over an interval: all but the biases."""
 
@@ -52,12 +54,13 @@ class Weights(NamedTuple):
 
 
 @cache
-def merwe_weights(alpha: float, beta: float, kappa: float, states: int = CORE) -> Weights:
+def merwe_weights(alpha: float, states: int = CORE) -> Weights:
     """Return the spread and the weights of the scaled sigma points of so many states (van der
-    Merwe 2004, section 3.2), equal to filterpy's, which would take a second to import."""
-    scaling = alpha**2 * (states + kappa) - states
+    Merwe 2004, section 3.2, with `BETA`, and kappa zero), equal to filterpy's, which would take a
+    second to import."""
+    scaling = alpha**2 * states - states
     total = states + scaling
-    return Weights(math.sqrt(total), scaling / total + (1.0 - alpha**2 + beta), 0.5 / total)
+    return Weights(math.sqrt(total), scaling / total + (1.0 - alpha**2 + BETA), 0.5 / total)
 
 
 @kernel(**INLINE)
@@ -150,7 +153,7 @@ def propagate_points(
         versine = t2 * (0.5 + t2 * (-1.0 / 24.0 + t2 * (1.0 / 720.0 + t2 * (-1.0 / 40320.0))))
         bw, bx, by, bz = from_short_rotation_vector(points[6, i], points[7, i], points[8, i])
         bw, bx, by, bz = multiply(bw, bx, by, bz, qw, qx, qy, qz)
-        place, speed, turned = step_at(
+        place, speed, turned = step(
             s + (c * sine - s * versine),
             c - (s * sine + c * versine),
             (lat + turn, lon + points[1, i] * per_east, h - points[2, i]),

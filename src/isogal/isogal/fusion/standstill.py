@@ -12,6 +12,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.fusion.measurements import VelocityReading
 from isogal.fusion.model import FilterModel
+from isogal.scenario import Velocity
 
 BEYOND = 6.0
 """Sigmas of the sensors' white noise by which a sample of a vehicle at rest may differ from the
@@ -24,11 +25,12 @@ CONFIRMED = 3.0
 not yet seen."""
 REST_SIGMA = 1e-3
 """m/s, 1-sigma of the velocity of a vehicle at rest: it trembles."""
+_RESTS = Velocity(standstill_speed=BEYOND, standstill_sigma=REST_SIGMA)
 
 
 def zero_velocity() -> VelocityReading:
     """Return the measurement of a vehicle at rest."""
-    return VelocityReading(np.zeros(3), np.eye(3), math.inf, REST_SIGMA)
+    return VelocityReading(np.zeros(3), np.eye(3), _RESTS)
 
 
 class Standstill:

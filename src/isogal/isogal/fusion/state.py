@@ -1,7 +1,8 @@
 """Mean and covariance of the filter."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
 
 import numpy as np
 
@@ -38,12 +39,12 @@ class FilterState:
     residual_gravity: Array
     """(2,) 1-sigma (m/s²) and correlation length (m) of the horizontal gravity that no
     compensation takes off, since the map's error has been learnt; 0 = as the model has it."""
-    clone: Clone = field(default=NO_CLONE, kw_only=True)
+    clone: Clone = NO_CLONE
     """Errors of an earlier time that are kept along."""
-    contradicted: dict[str, int] = field(default_factory=dict, kw_only=True)
+    contradicted: dict[str, int] = field(default_factory=dict)
     """How many readings of an aid, by its name, have to agree before it is used again: fixes, or
     other sensors, have contradicted a navigator that used it."""
-    insisting: dict[str, int] = field(default_factory=dict, kw_only=True)
+    insisting: dict[str, int] = field(default_factory=dict)
     """How many readings of an aid, by its name, were beyond the gate, one after the other."""
 
     def __post_init__(self) -> None:
@@ -70,19 +71,7 @@ class FilterState:
 
     def copy(self) -> "FilterState":
         """Return a state that shares nothing with this one."""
-        return FilterState(
-            self.position.copy(),
-            self.velocity.copy(),
-            self.attitude.copy(),
-            self.accelerometer_bias.copy(),
-            self.gyroscope_bias.copy(),
-            self.auxiliary.copy(),
-            self.covariance.copy(),
-            self.residual_gravity.copy(),
-            clone=self.clone.copy(),
-            contradicted=self.contradicted.copy(),
-            insisting=self.insisting.copy(),
-        )
+        return FilterState(*[part.copy() for part in _parts(self)])
 
     def arrays(self) -> tuple[Array, ...]:
         """Return all arrays, those of the mean first."""
@@ -119,3 +108,6 @@ class FilterState:
         w, x, y, z = self.attitude.tolist()
         of_earth = np.array(rotate(w, -x, -y, -z, north, 0.0, down))
         return angular_rate - self.gyroscope_bias - of_earth
+
+
+_parts = attrgetter(*(one.name for one in fields(FilterState)))

@@ -16,10 +16,10 @@ from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.fusion.auxiliary import (
     Auxiliary,
-    add_gravity,
     add_input,
     age,
-    of_gravity,
+    ageing,
+    readings,
     spread_input,
     tail_points,
 )
@@ -61,8 +61,8 @@ class Assumptions(NamedTuple):
     height_gate: float
     """The largest normalised innovation squared of a height that is used."""
     weights: Weights
-    scaling: tuple[float, float, float]
-    """alpha, beta, kappa of the scaled transform, which the weights follow from."""
+    alpha: float
+    """Of the scaled transform, which the weights follow from."""
     auxiliary: Auxiliary
     compensation: Compensation
     """Horizontal gravity that the strapdown takes off."""
@@ -182,8 +182,8 @@ def advance(
     pushes = np.zeros((9, LANES))
     ends = np.empty((10, LANES))
     mean, gain, total = np.zeros(width), np.zeros(width), np.zeros(9)
-    auxiliary, done = of_gravity(assumptions.auxiliary, residual_gravity), steps
-    left = auxiliary.variance.copy()
+    auxiliary, done = assumptions.auxiliary, steps
+    keep, fresh = np.zeros(n - N), np.zeros(n - N)
     x, v, q = nominal.position, nominal.velocity, nominal.attitude
     for i in range(n):  # a slice would take seconds to compile
         for j in range(n):
@@ -193,15 +193,16 @@ def advance(
             done = k
             break
         spread_points(n, factor, weights.spread, points)
-        f, w = force[k], rate[k]
-        add_gravity(auxiliary, left, misplaced(compensation, 0.5 * (P[0, 0] + P[1, 1])))
+        f, w, read = force[k], rate[k], readings(force[k], rate[k])
+        more = misplaced(compensation, 0.5 * (P[0, 0] + P[1, 1]))
+        ageing(auxiliary, residual_gravity, more, v, dt, keep, fresh)
         for j in range(9):
             total[j] = 0.0
         for j in range(n - N):
-            add_input(auxiliary, j, nominal.auxiliary[j], f, w, total)
+            add_input(auxiliary, j, nominal.auxiliary[j], read, total)
         gn, ge = horizontal_gravity(compensation, x)
         if n > N:
-            spread_input(auxiliary, f, w, points, pushes)
+            spread_input(auxiliary, read, points, pushes)
         propagate_points(
             nominal,
             (f[0] - total[3], f[1] - total[4], f[2] - total[5]),
@@ -213,11 +214,11 @@ def advance(
             pushes,
             ends,
         )
-        tail_points(auxiliary, q, f, w, dt, factor, odd, total)
+        tail_points(auxiliary, q, read, dt, factor, odd, total)
         errors_of(ends, points)
         moments(n, points, even, odd, weights, mean, P)
-        carry_clone(n, factor, odd, weights, auxiliary, v, dt, clone, gain)
-        age(auxiliary, nominal.auxiliary, v, dt, P)
+        carry_clone(n, factor, odd, weights, keep, clone, gain)
+        age(keep, fresh, nominal.auxiliary, P)
         for i in range(3):
             x[i], v[i] = ends[i, CENTRE], ends[3 + i, CENTRE]
         for i in range(4):

@@ -97,10 +97,10 @@ def read_ins_file(path: str | Path, height: float) -> InsFile:
     )
     north, east = metres_per_radian(places[:, 0], places[:, 2])
     metres = np.column_stack([north, east, np.full(count, -1.0)])
-    _check_steps(np.diff(places, axis=0)[:, :2] * metres[1:, :2], time, rows)
+    moved = np.diff(places, axis=0)[:, :2] * metres[1:, :2]
+    check_steps(moved, time, rows, CORRECTION)
     velocity = np.gradient(places, time, axis=0) * metres
     if VELOCITY[0] in columns:
-        moved = np.diff(places, axis=0)[:, :2] * metres[1:, :2]
         _check_velocity(moved, columns, np.diff(time), rows)
     for axis, name in enumerate(VELOCITY):
         if name in columns:
@@ -136,15 +136,15 @@ def _check(columns: dict[str, Array], rows: Rows) -> None:
         )
 
 
-def _check_steps(steps: Array, time: Array, rows: Rows) -> None:
-    """Raise InputError where a place is further from the one before, by (N - 1, 2) m, than a
-    vehicle and a correction of its INS go."""
-    most = FASTEST * np.diff(time) + CORRECTION
-    for k in np.flatnonzero(np.hypot(*steps.T) > most)[:1].tolist():
+def check_steps(moved: Array, time: Array, rows: Rows, correction: float = 0.0) -> None:
+    """Raise InputError where places are further from those before, by (N - 1, 2) m, than a vehicle
+    goes from one time (N,), s, to the next, and a correction (m) moves it."""
+    way, steps = np.hypot(*moved.T), np.diff(time)
+    for k in np.flatnonzero(way > FASTEST * steps + correction)[:1].tolist():
         raise InputError(
             f"{rows.where}: latitude and longitude in line {rows.number[k + 1]} are"
-            f" {1e-3 * math.hypot(*steps[k]):.0f} km from those {time[k + 1] - time[k]:.3g} s"
-            " before; leave out what the INS says before it is aligned"
+            f" {1e-3 * way[k]:.1f} km from those {steps[k]:.3g} s before, must be at most"
+            f" {1e-3 * (FASTEST * steps[k] + correction):.1f} km"
         )
 
 

@@ -67,11 +67,11 @@ def _solve(
     )
     turn = to_rotation_vector(tw, tx, ty, tz)
     a, u = np.array(turn), np.zeros(3)
-    end = (place, speed, first)
+    s, c, end = np.sin(start[0]), np.cos(start[0]), (place, speed, first)
     for k in range(ROUNDS):
         f = rotate(qw, -qx, -qy, -qz, u[0] / dt, u[1] / dt, u[2] / dt)
         w = rotate(qw, -qx, -qy, -qz, a[0] / dt, a[1] / dt, a[2] / dt)
-        end = step(place, speed, first, f, w, (0.0, 0.0, 0.0), dt, coning)
+        end = step(s, c, place, speed, first, f, w, (0.0, 0.0, 0.0), dt, coning)
         for i in range(3):
             sample[i], sample[3 + i] = f[i], w[i]
         if k + 1 < ROUNDS:
@@ -201,7 +201,9 @@ class InverseStrapdown:
         if dt > self._longest:
             self._begin(time, solution)
             raise NothingFeltError(f"is {dt:.0f} s after the one before, too long to fill in")
-        missed = float(np.linalg.norm(_misfit(self._last, solution, dt)))
+        step, metres = _step(self._last, solution)
+        by_velocity = 0.5 * dt * (self._last[3:6] + solution[3:6])
+        missed = float(np.linalg.norm(step * metres - by_velocity))
         if missed > self._jump * max(1.0, dt * dt):
             self._begin(time, solution)
             raise NothingFeltError(
@@ -228,13 +230,6 @@ def _step(before: Array, after: Array) -> tuple[Array, Array]:
     step[1] -= 2.0 * np.pi * np.round(step[1] / (2.0 * np.pi))
     north, east = metres_per_radian(0.5 * (before[0] + after[0]), 0.5 * (before[2] + after[2]))
     return step, np.array([north, east, -1.0])
-
-
-def _misfit(before: Array, after: Array, dt: float) -> Array:
-    """Return (3,) m, by how much a position differs from where the mean of both velocities leads
-    to from the one before."""
-    step, metres = _step(before, after)
-    return np.asarray(step * metres - 0.5 * dt * (before[3:6] + after[3:6]))
 
 
 def between(before: Array, after: Array, dt: float, parts: int) -> Array:

@@ -61,27 +61,6 @@ def _earth(s: float, c: float, height: float, vn: float, ve: float) -> tuple[flo
 
 @kernel(**INLINE)
 def step(
-    position: Vector,
-    velocity: Vector,
-    attitude: Quaternion,
-    force: Vector,
-    rate: Vector,
-    gravity: Vector,
-    dt: float,
-    coning: float,
-) -> tuple[Vector, Vector, Quaternion]:
-    """Advance one state by one interval (see the module for the method).
-
-    Tuples in: position (latitude rad, longitude rad, height m), velocity (north, east, down; m/s),
-    attitude (w, x, y, z), the interval's mean specific force (m/s²) and angular rate (rad/s) in
-    body axes, and gravity beside normal gravity (north, east, down; m/s²). `coning` is `MEANS` or,
-    for pre-integrated samples, `ROTATIONS`. Tuples out: position, velocity, attitude."""
-    sine, cosine = np.sin(position[0]), np.cos(position[0])
-    return step_at(sine, cosine, position, velocity, attitude, force, rate, gravity, dt, coning)
-
-
-@kernel(**INLINE)
-def step_at(
     s: float,
     c: float,
     position: Vector,
@@ -93,7 +72,13 @@ def step_at(
     dt: float,
     coning: float,
 ) -> tuple[Vector, Vector, Quaternion]:
-    """`step` with the latitude's sine and cosine: no calls, so loops over it are vectorised."""
+    """Advance one state by one interval (see the module for the method).
+
+    In: sine and cosine of the latitude (no calls, so loops over it are vectorised), position
+    (latitude rad, longitude rad, height m), velocity (north, east, down; m/s), attitude (w, x, y,
+    z), the interval's mean specific force (m/s²) and angular rate (rad/s) in body axes, and
+    gravity beside normal gravity (north, east, down; m/s²). `coning` is `MEANS` or, for
+    pre-integrated samples, `ROTATIONS`. Out: position, velocity, attitude."""
     lat, lon, h = position
     vn, ve, vd = velocity
     qw, qx, qy, qz = attitude
@@ -187,6 +172,8 @@ def _propagate(
             f, w = force[r, k], rate[r, k]
             north, east = horizontal_gravity(compensation, position)
             position, velocity, attitude = step(
+                np.sin(position[0]),
+                np.cos(position[0]),
                 position,
                 velocity,
                 attitude,

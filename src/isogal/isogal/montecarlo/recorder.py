@@ -8,7 +8,6 @@ from isogal.arrays import Array, Integers
 from isogal.earth.frames import horizontal_difference
 from isogal.evaluation.records import RunDetail, Runs
 from isogal.fix import Candidates, Status
-from isogal.fusion.gate import REJECTED
 from isogal.fusion.measurements import Outcome
 from isogal.fusion.state import FilterState
 from isogal.maps.channels import RouteMap, channels_of
@@ -80,7 +79,9 @@ class Recorder:
         fix = applied.fix
         rejected = [one for one in applied.innovations if one.outcome is Outcome.REJECTED]
         status = Status.REJECTED if rejected else fix.status
-        reason = f"{REJECTED}{rejected[-1].reason}" if rejected else fix.reason
+        reason = fix.reason
+        if rejected:
+            reason = f"rejected by the navigator: {rejected[-1].reason}"
         self._fix_seconds[run, batch] = applied.seconds
         self._status[run, batch], self._reason[run, batch] = status.value, reason or ""
         if fix.published:

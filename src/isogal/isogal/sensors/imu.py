@@ -13,13 +13,12 @@ from functools import lru_cache
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.earth.ellipsoid import radii
 from isogal.inertial.preintegration import preintegrate
 from isogal.inertial.rotations import matrix
 from isogal.scenario import ImuErrors, Route, Settings, Truth
 from isogal.seeds import generator
 from isogal.sensors.noise import gauss_markov
-from isogal.sensors.trajectory import Trajectory, drive, followed, sensor_means
+from isogal.sensors.trajectory import Trajectory, drive, followed, runge_kutta, sensor_means
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,32 +154,15 @@ def true_samples(settings: Settings) -> Array:
 @lru_cache(maxsize=1)
 def _divided(route: Route, rate: float, samples: int) -> Array:
     rows, rates = drive(route, rate)
-    turn, acceleration = rates.T
-    latitude, heading, speed = rows[:-1, 0], rows[:-1, 2], rows[:-1, 3]
+    turn, acceleration = rates.T.copy()
+    latitude, _, heading, speed = rows[:-1].T.copy()
     result = np.empty((len(rates), samples, 6))
     dt = 1.0 / (rate * samples)
     for j in range(samples):
-        end = _latitude_after(latitude, heading, speed, rates, route.height, dt)
         start = np.stack([latitude, heading, speed], axis=1)
-        force, angular_rate = sensor_means(start, end, rates, route.height, dt)
+        moves = heading, speed, turn, acceleration, route.height, dt
+        latitude, _ = runge_kutta(latitude, np.zeros_like(latitude), *moves)
+        force, angular_rate = sensor_means(start, latitude, rates, route.height, dt)
         result[:, j, :3], result[:, j, 3:] = force, angular_rate
-        latitude, heading, speed = end, heading + turn * dt, speed + acceleration * dt
+        heading, speed = heading + turn * dt, speed + acceleration * dt
     return result.reshape(-1, 6)
-
-
-def _latitude_after(
-    latitude: Array, heading: Array, speed: Array, rates: Array, height: float, dt: float
-) -> Array:
-    """Return the latitudes (K,) after dt (s), by a fourth-order Runge-Kutta step."""
-    turn, acceleration = rates.T
-
-    def slope(at: Array, after: float) -> Array:
-        v = speed + acceleration * after
-        return np.asarray(v * np.cos(heading + turn * after) / (radii(at)[0] + height))
-
-    half = 0.5 * dt
-    a = slope(latitude, 0.0)
-    b = slope(latitude + half * a, half)
-    c = slope(latitude + half * b, half)
-    d = slope(latitude + dt * c, dt)
-    return latitude + dt / 6.0 * (a + 2.0 * b + 2.0 * c + d)

@@ -29,8 +29,6 @@ MARGIN = 300e3
 HEIGHT_STEP = 1000.0
 """m over which the main field's change with height, about -0.02 nT/m, is computed."""
 _NEAREST_POLE = 89.0
-_MOST_POINTS = 4000
-"""Points at which the model is evaluated at once."""
 _ABSOLUTE = 631_152_000.0
 """s, 1990-01-01 UTC: smaller times count from the start of a recording or a simulation."""
 _FIRST_YEAR, _LAST_YEAR = 1900.0, 2030.0
@@ -86,15 +84,8 @@ class MainField:
         self._years: dict[int, FieldMap] = {}
 
     def _map(self, height: float, epoch: float) -> FieldMap:
-        # in parts, because the package needs 3 kB of memory for each point; but few, because it
-        # reads its file at each call
-        count = max(1, _MOST_POINTS // self._columns.size)
-        parts = [
-            intensity(*np.meshgrid(self._rows[i : i + count], self._columns, indexing="ij"),
-                      height, epoch)
-            for i in range(0, self._rows.size, count)
-        ]  # fmt: skip
-        values = np.concatenate(parts)
+        points = np.meshgrid(self._rows, self._columns, indexing="ij")
+        values = intensity(*points, height, epoch)
         axes = np.radians(self._rows), np.radians(self._columns)
         return FieldMap(*axes, values, "nT", "magnetic_field", provenance="IGRF")
 

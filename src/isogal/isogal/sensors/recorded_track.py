@@ -18,7 +18,7 @@ from isogal.arrays import Array, Booleans
 from isogal.earth.ellipsoid import metres_per_radian
 from isogal.errors import InputError
 from isogal.inertial.error_state import Estimate
-from isogal.inertial.ins_file import FASTEST
+from isogal.inertial.ins_file import check_steps
 from isogal.inertial.inverse import NO_COURSE, inverse
 from isogal.inertial.rotations import from_heading
 from isogal.inertial.strapdown import propagate
@@ -86,15 +86,8 @@ def read_positions(path: str, line: str | None = None, changed: int = 0) -> Posi
             f"{rows.where}: latitude in line {rows.number[first]} must be within"
             f" {NEAREST_POLE_DEG:g} deg north and south, is {columns['latitude'][first]:g}"
         )
-    gone = np.diff(time)
     metres = np.column_stack(metres_per_radian(place[:-1, 0]))
-    speed = np.hypot(*(np.diff(place, axis=0) * metres).T) / gone
-    if (speed > FASTEST).any():
-        first = int(np.argmax(speed > FASTEST)) + 1
-        raise InputError(
-            f"{rows.where}: latitude and longitude in line {rows.number[first]} are"
-            f" {speed[first - 1]:.3g} m/s from those before, must be at most {FASTEST:g} m/s"
-        )
+    check_steps(np.diff(place, axis=0) * metres, time, rows)
     return Positions(time, place, columns.get("height"), rows.where)
 
 

@@ -32,7 +32,9 @@ def simulate_satellites(
     places = np.empty((len(runs), len(index), 3))
     velocities = np.empty_like(places)
     for k, run in enumerate(runs):
-        place, speed = _believed(gnss.deception, trajectory, true, velocity, _direction(seed, run))
+        angle = generator(seed, run, "gnss_deception").uniform(0.0, 2.0 * math.pi)
+        direction = np.array([math.cos(angle), math.sin(angle), 0.0])
+        place, speed = _believed(gnss.deception, trajectory, true, velocity, direction)
         noise = generator(seed, run, "gnss_velocity").standard_normal(places[k].shape)
         places[k] = place[index]
         velocities[k] = speed[index] + (gnss.velocity_sigma or np.nan) * noise * aid.unequal
@@ -56,12 +58,6 @@ def at_arm(trajectory: Trajectory, arm: tuple[float, float, float]) -> tuple[Arr
     return to_ned @ np.array(arm), trajectory.velocity + np.einsum(
         "kij,kj->ki", to_ned, np.cross(turn_rates(trajectory), arm)
     )
-
-
-def _direction(seed: int, run: int) -> Array:
-    """Return a random horizontal direction (3,), NED."""
-    angle = generator(seed, run, "gnss_deception").uniform(0.0, 2.0 * math.pi)
-    return np.array([math.cos(angle), math.sin(angle), 0.0])
 
 
 def _believed(

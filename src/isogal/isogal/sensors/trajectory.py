@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from isogal.inertial.rotations import from_heading
 from isogal.scenario import Route, Settings
 from isogal.sensors.recorded_track import NEAREST_POLE_DEG, Followed, follow, read_positions
 from isogal.sensors.reduction import State
+
+Numbers = TypeVar("Numbers", float, Array)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,7 +185,7 @@ def drive(route: Route, rate: float) -> tuple[Array, Array]:
         turn, acceleration = 0.0, 0.0
         if len(rates) >= guide.rest_steps:
             turn, acceleration = guide.command(lat, lon, heading, speed)
-        lat, lon = _runge_kutta(lat, lon, heading, speed, turn, acceleration, route.height, dt)
+        lat, lon = runge_kutta(lat, lon, heading, speed, turn, acceleration, route.height, dt)
         heading += turn * dt
         speed += acceleration * dt
         rows.append((lat, lon, heading, speed))
@@ -199,26 +202,28 @@ def drive(route: Route, rate: float) -> tuple[Array, Array]:
 
 @kernel
 def _position_rates(
-    lat: float, heading: float, speed: float, height: float
-) -> tuple[float, float]:
-    m, n = curvature(math.sin(lat))
+    lat: Numbers, heading: Numbers, speed: Numbers, height: float
+) -> tuple[Numbers, Numbers]:
+    m, n = curvature(np.sin(lat))
     return (
-        speed * math.cos(heading) / (m + height),
-        speed * math.sin(heading) / ((n + height) * math.cos(lat)),
+        speed * np.cos(heading) / (m + height),
+        speed * np.sin(heading) / ((n + height) * np.cos(lat)),
     )
 
 
 @kernel
-def _runge_kutta(
-    lat: float,
-    lon: float,
-    heading: float,
-    speed: float,
-    turn: float,
-    acceleration: float,
+def runge_kutta(
+    lat: Numbers,
+    lon: Numbers,
+    heading: Numbers,
+    speed: Numbers,
+    turn: Numbers,
+    acceleration: Numbers,
     height: float,
     dt: float,
-) -> tuple[float, float]:
+) -> tuple[Numbers, Numbers]:
+    """Return latitude and longitude (rad) after dt (s), from those before it, heading (rad), speed
+    (m/s) and their constant rates."""
     half = 0.5 * dt
     h1, h2 = heading + turn * half, heading + turn * dt
     s1, s2 = speed + acceleration * half, speed + acceleration * dt
@@ -288,22 +293,10 @@ def _to_body(vector: Array, heading: Array) -> Array:
     )
 
 
-def rhumb_azimuth(lat_0: float, lon_0: float, lat_1: float, lon_1: float) -> float:
-    """Return the azimuth (rad from north) of the rhumb line between two points, by isometric
-    latitude (Snyder 1987, p. 44).
-
-    Parameters
-    ----------
-    lat_0, lon_0, lat_1, lon_1 : float
-        The first and the second point, rad.
-    """
+def _isometric(lat: float) -> float:
+    """Return the isometric latitude (Snyder 1987, p. 44)."""
     e = math.sqrt(E2)
-
-    def isometric(lat: float) -> float:
-        return math.atanh(math.sin(lat)) - e * math.atanh(e * math.sin(lat))
-
-    d_lon = math.remainder(lon_1 - lon_0, 2.0 * math.pi)
-    return math.atan2(d_lon, isometric(lat_1) - isometric(lat_0))
+    return math.atanh(math.sin(lat)) - e * math.atanh(e * math.sin(lat))
 
 
 class _Guide:
@@ -349,7 +342,8 @@ class _Guide:
                 math.degrees(target[0]),
             )
             return math.radians(inverse[0])
-        return rhumb_azimuth(lat, lon, target[0], target[1])
+        d_lon = math.remainder(target[1] - lon, 2.0 * math.pi)
+        return math.atan2(d_lon, _isometric(target[0]) - _isometric(lat))
 
     def _distance(self, lat: float, lon: float) -> float:
         return self._between(lat, lon, self.points[self.leg])

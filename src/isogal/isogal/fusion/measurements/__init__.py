@@ -9,9 +9,8 @@ and is used where its normalised innovation squared is within the gate of its di
 (docs/mathematics.md, section 3.13).
 
 model            Measurement (the protocol), Innovation, and the update with rows z, h, H, R
-position         a position, of an antenna or of the inertial sensors
+position         a position, of an antenna or of the inertial sensors, with its slow error
 ground_velocity  a velocity over ground in the navigation frame, as a satellite receiver's
-position_aid     positions of a scenario's aid, with their slow error as auxiliary states
 aids             readings of any aid of a scenario as measurements
 heading          a heading, with its mounting and slow errors as auxiliary states
 information      what a batch of readings says, in information form
@@ -25,19 +24,19 @@ trust            how an aid that was beyond the gate, or contradicted, is used a
 """
 
 from isogal.fusion.measurements.aids import reading_of
-from isogal.fusion.measurements.fix import LearntMapError, Widening, measurements_of
+from isogal.fusion.measurements.fix import OF_FIXES, LearntMapError, Widening, measurements_of
 from isogal.fusion.measurements.ground_velocity import GroundVelocity, satellite_velocity
 from isogal.fusion.measurements.heading import HeadingReading
 from isogal.fusion.measurements.height import HeightReading
 from isogal.fusion.measurements.information import InformationUpdate
 from isogal.fusion.measurements.model import Innovation, Measurement, Outcome
-from isogal.fusion.measurements.position import PositionFix
-from isogal.fusion.measurements.position_aid import position_fix
+from isogal.fusion.measurements.position import PositionFix, position_fix
 from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.sample_noise import SampleNoise
 from isogal.fusion.measurements.velocity import VelocityReading
 
 __all__ = [
+    "OF_FIXES",
     "AtRest",
     "GroundVelocity",
     "HeadingReading",

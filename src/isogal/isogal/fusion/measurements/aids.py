@@ -1,7 +1,5 @@
 """Readings of a scenario's aids as measurements."""
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,14 +7,10 @@ from isogal.arrays import Array
 from isogal.fusion.measurements.ground_velocity import satellite_velocity
 from isogal.fusion.measurements.heading import HeadingReading
 from isogal.fusion.measurements.height import HeightReading
-from isogal.fusion.measurements.model import Linear, Measurement
-from isogal.fusion.measurements.position_aid import position_fix
+from isogal.fusion.measurements.model import LinearMeasurement
+from isogal.fusion.measurements.position import position_fix
 from isogal.fusion.measurements.velocity import VelocityReading
 from isogal.scenario import AnyAid, Gnss, HeadingAid, Height, PositionAid, Settings, Velocity
-
-
-class Reading(Measurement, Linear, Protocol):
-    """A measurement that is used by its rows."""
 
 
 def reading_of(
@@ -25,7 +19,7 @@ def reading_of(
     settings: Settings,
     rate: Array,
     stated: ArrayLike | None = None,
-) -> Reading | None:
+) -> LinearMeasurement | None:
     """Return a reading of an aid as a measurement; None where it has no number.
 
     Parameters

@@ -50,6 +50,10 @@ class Widening:
         return Innovation.of(np.zeros(2), 0.0, math.inf)
 
 
+OF_FIXES = InformationUpdate, LearntMapError, Widening
+"""What fixes consist of that say more than a position."""
+
+
 def measurements_of(fix: Fix, relative_to: Estimate | None = None) -> list[Measurement]:
     """Return what a fix consists of: first what it says of gravity, which counts from its stamp
     on, and what makes the navigator less certain, because the measurements were matched with that

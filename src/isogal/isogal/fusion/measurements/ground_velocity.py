@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.fusion.measurements.model import Innovation, Rows, stated, update_linear
+from isogal.fusion.measurements.model import LinearMeasurement, Rows, stated
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.rotations import cross_matrix, matrix
@@ -23,7 +23,7 @@ GNSS = "gnss"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GroundVelocity:
+class GroundVelocity(LinearMeasurement):
     """A velocity over ground."""
 
     velocity: Array
@@ -34,10 +34,6 @@ class GroundVelocity:
     """(3,) m/s, body axes: w x l, of the antenna relative to the inertial sensors."""
     source: str = ""
     """Which aid it is of."""
-
-    def update(self, state: FilterState, model: FilterModel) -> Innovation:
-        """See `isogal.fusion.measurements.Measurement`."""
-        return update_linear(state, model, self.rows(state, model))
 
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state."""

@@ -11,10 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements.model import Innovation, Rows, update_linear
-from isogal.fusion.measurements.position_aid import white_part
+from isogal.fusion.measurements.model import (
+    Innovation,
+    LinearMeasurement,
+    Rows,
+    update_linear,
+    white_part,
+)
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import FILTER_STATES
@@ -27,30 +31,16 @@ STEEPEST = 0.1
 
 
 def heading_error_states(aid: HeadingAid) -> tuple[AuxiliaryState, ...]:
-    """Return mounting error and slowly changing error, those that are not zero."""
-    every = (
+    """Return mounting error and slowly changing error."""
+    slow, time = aid.number("correlated_sigma"), aid.correlation_time
+    return (
         AuxiliaryState(f"{aid.prefix}_mounting", "none", 0, aid.number("bias")),
-        AuxiliaryState(
-            f"{aid.prefix}_slow",
-            "none",
-            0,
-            aid.number("correlated_sigma"),
-            time=aid.correlation_time,
-        ),
+        AuxiliaryState(f"{aid.prefix}_slow", "none", 0, slow, time=time),
     )
-    return tuple(state for state in every if state.sigma > 0.0)
-
-
-def by_attitude(rotation: Array) -> Array:
-    """Return (3,) by how much the heading of an attitude (body to NED) changes with the attitude
-    error about north, east and down: a bow that points up turns with a tilt."""
-    north, east, down = rotation[:, 0]
-    level = north * north + east * east
-    return np.array([-north * down / level, -east * down / level, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
-class HeadingReading:
+class HeadingReading(LinearMeasurement):
     """A reading of the heading."""
 
     heading: float
@@ -100,8 +90,11 @@ class HeadingReading:
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state."""
         rotation, H = matrix(state.attitude), np.zeros((1, model.states))
-        H[0, 6:9] = by_attitude(rotation)
-        expected = math.atan2(rotation[1, 0], rotation[0, 0])
+        north, east, down = rotation[:, 0]
+        # a bow that points up turns with a tilt
+        level = north * north + east * east
+        H[0, 6:9] = -north * down / level, -east * down / level, 1.0
+        expected = math.atan2(east, north)
         for name in (f"{self.error}_mounting", f"{self.error}_slow"):
             if (at := model.places.get(name)) is not None:
                 H[0, at] = 1.0

@@ -8,7 +8,6 @@ noise v.
 Readings that come with the inertial data (`InertialNavigator.imu`) are used by the compiled filter
 in the same way."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements.model import Innovation, Rows
+from isogal.fusion.measurements.model import Innovation, LinearMeasurement, Rows
 from isogal.fusion.measurements.trust import update_insistent
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
@@ -28,41 +27,27 @@ UNKNOWN_HEIGHT = 1000.0
 
 
 def height_error_states(height: Height) -> tuple[AuxiliaryState, ...]:
-    """Return the sensor's constant offset, its scale factor error and what the weather adds, those
-    that are not zero; none where the scenario gives the height."""
+    """Return the sensor's constant offset, its scale factor error and what the weather adds; none
+    where the scenario gives the height."""
     if not height.measured:
         return ()
-    bias, scale, weather = _names(height.prefix)
-    every = (
-        AuxiliaryState(bias, "none", 0, height.bias),
-        AuxiliaryState(scale, "none", 0, height.scale),
-        AuxiliaryState(weather, "none", 0, height.weather_sigma, time=height.weather_time),
+    weather, time = height.weather_sigma, height.weather_time
+    return (
+        AuxiliaryState(f"{height.prefix}_bias", "none", 0, height.bias),
+        AuxiliaryState(f"{height.prefix}_scale", "none", 0, height.scale),
+        AuxiliaryState(f"{height.prefix}_weather", "none", 0, weather, time=time),
     )
-    return tuple(state for state in every if state.sigma > 0.0)
-
-
-def _names(prefix: str) -> tuple[str, str, str]:
-    return f"{prefix}_bias", f"{prefix}_scale", f"{prefix}_weather"
-
-
-def height_contents(
-    auxiliary: Sequence[AuxiliaryState], prefix: str = "height"
-) -> tuple[tuple[float, float], ...]:
-    """Return what a reading contains of each auxiliary state (`FilterModel.height_contents`)."""
-    bias, scale, weather = _names(prefix)
-    factor = {bias: (1.0, 0.0), weather: (1.0, 0.0), scale: (0.0, 1.0)}
-    return tuple(factor.get(one.name, (0.0, 0.0)) for one in auxiliary)
 
 
 def by_auxiliary(model: FilterModel, height: ArrayLike, prefix: str = "height") -> Array:
     """Return (..., M) by how much a reading at heights (...), m, changes with each auxiliary
     state."""
-    constant, share = np.reshape(height_contents(model.auxiliary, prefix), (-1, 2)).T
+    constant, share = model.height_contents(prefix)
     return np.asarray(constant + share * np.asarray(height)[..., None])
 
 
 @dataclass(frozen=True, slots=True)
-class HeightReading:
+class HeightReading(LinearMeasurement):
     """A reading of the height."""
 
     height: float

@@ -42,7 +42,8 @@ class InformationUpdate:
     to."""
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
-        """See `isogal.fusion.measurements.Measurement`; the innovation is the correction.
+        """See `isogal.fusion.measurements.Measurement`; the innovation is the correction, whose
+        square the gate bounds, in the navigator's own sigmas.
 
         Raises
         ------
@@ -54,7 +55,32 @@ class InformationUpdate:
         apart = batch_difference(state.estimate, self.relative_to)[: len(self.vector)]
         # with x = x_old + apart, b' x_old - x_old' A x_old / 2 has the vector b + A apart
         vector = self.vector + self.matrix @ apart
-        result = update_information(state, model, vector, self.matrix)
+        if not (np.isfinite(vector).all() and np.isfinite(self.matrix).all()):
+            raise ValueError("information is not finite")
+        which, gate = BATCH[: len(vector)], model.gate(len(vector))
+        P = state.covariance
+        # axes A in which the navigator's own information is 1: matrix = A^-T diag(values) A^-1
+        scale = np.sqrt(P[which, which])
+        own = P[which[:, None], which] / np.outer(scale, scale)
+        factor = np.linalg.cholesky(own) * scale[:, None]
+        values, turn = np.linalg.eigh(factor.T @ self.matrix @ factor)
+        pull = turn.T @ (factor.T @ vector)
+        pull[np.abs(values) <= 1e-12 * np.abs(values).max()] = 0.0
+        spread = P[:, which] @ np.linalg.solve(factor.T, turn)
+        if values[0] < LEAST_INFORMATION:
+            raise ValueError("information matrix is too negative")
+        applied = np.maximum(values, LEAST_APPLIED)
+        size = float(((pull / (1.0 + applied)) ** 2).sum())
+        error = -spread @ (pull / (1.0 + applied))  # x is estimate minus truth
+        if size > gate:
+            return Innovation.of(error[:2], size, gate).far_away()
+        reduced = symmetric(P - (spread * (applied / (1.0 + applied))) @ spread.T)
+        moved(state, model, reduced, error)
+        up = (values > 0.0) & (pull != 0.0)
+        nis = float((pull[up] ** 2 / (values[up] * (1.0 + values[up]))).sum())
+        result = Innovation.of(error[which][:2], nis, math.inf)
+        gained = pull[up] ** 2 / (1.0 + values[up]) - np.log1p(values[up])
+        result.log_likelihood = 0.5 * float(gained.sum())
         result.log_likelihood -= float(self.vector @ apart + 0.5 * apart @ self.matrix @ apart)
         return result
 
@@ -66,45 +92,3 @@ class InformationUpdate:
         kept, across = vectors[:, up] / sigma[:, None], vectors[:, up] * sigma[:, None]
         vector = kept @ (across.T @ self.vector)
         return InformationUpdate(vector, (kept * values[up]) @ kept.T, self.relative_to)
-
-
-def update_information(
-    state: FilterState, model: FilterModel, vector: Array, matrix: Array
-) -> Innovation:
-    """Update a state with the likelihood (n,), (n, n) of its own error, in place; see
-    `InformationUpdate`. The gate bounds the squared correction, in the navigator's own sigmas.
-
-    Parameters
-    ----------
-    state : FilterState
-    model : FilterModel
-    vector, matrix : (n,), (n, n) arrays
-        b and A, in the units of a batch's states.
-    """
-    if not (np.isfinite(vector).all() and np.isfinite(matrix).all()):
-        raise ValueError("information is not finite")
-    which, gate = BATCH[: len(vector)], model.gate(len(vector))
-    P = state.covariance
-    # axes A in which the navigator's own information is 1: matrix = A^-T diag(values) A^-1
-    scale = np.sqrt(P[which, which])
-    own = P[which[:, None], which] / np.outer(scale, scale)
-    factor = np.linalg.cholesky(own) * scale[:, None]
-    values, turn = np.linalg.eigh(factor.T @ matrix @ factor)
-    pull = turn.T @ (factor.T @ vector)
-    pull[np.abs(values) <= 1e-12 * np.abs(values).max()] = 0.0
-    spread = P[:, which] @ np.linalg.solve(factor.T, turn)
-    if values[0] < LEAST_INFORMATION:
-        raise ValueError("information matrix is too negative")
-    applied = np.maximum(values, LEAST_APPLIED)
-    size = float(((pull / (1.0 + applied)) ** 2).sum())
-    error = -spread @ (pull / (1.0 + applied))  # x is estimate minus truth
-    if size > gate:
-        return Innovation.of(error[:2], size, gate).far_away()
-    reduced = symmetric(P - (spread * (applied / (1.0 + applied))) @ spread.T)
-    moved(state, model, reduced, error)
-    up = (values > 0.0) & (pull != 0.0)
-    nis = float((pull[up] ** 2 / (values[up] * (1.0 + values[up]))).sum())
-    result = Innovation.of(error[which][:2], nis, math.inf)
-    gained = pull[up] ** 2 / (1.0 + values[up]) - np.log1p(values[up])
-    result.log_likelihood = 0.5 * float(gained.sum())
-    return result

@@ -10,15 +10,15 @@ leave of the map is white noise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.frames import displaced, horizontal_difference
-from isogal.fusion.measurements.model import Innovation, Rows, update_linear
+from isogal.fusion.measurements.model import LinearMeasurement, Rows
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
+from isogal.inertial.error_state import FILTER_STATES
 from isogal.maps.tiled_map import ScalarMap
 
 _OFFSETS = np.array([(a, b) for a in (-1.0, 0.0, 1.0) for b in (-1.0, 0.0, 1.0)]) * np.sqrt(3.0)
@@ -26,21 +26,12 @@ _WEIGHTS = np.prod(np.where(_OFFSETS == 0.0, 2.0 / 3.0, 1.0 / 6.0), axis=1)
 """Gauss-Hermite rule of three points an axis."""
 
 
-class LinearMap(NamedTuple):
-    """A map about K places."""
-
-    value: Array
-    """(K,) m; NaN = the map has nothing there."""
-    slope: Array
-    """(K, 2) g, per m to north and east."""
-    left: Array
-    """(K,) variance of what these leave."""
-
-
 def linear_map(
     field_map: ScalarMap, latitude: Array, longitude: Array, covariance: Array
-) -> LinearMap:
-    """Return the regression of a map over places (K,), rad, of a covariance (K, 2, 2), m²."""
+) -> tuple[Array, Array, Array]:
+    """Return the regression of a map over places (K,), rad, of a covariance (K, 2, 2), m²: its
+    value m (K,), NaN where the map has nothing, its slope g (K, 2), per m to north and east, and
+    the variance (K,) of what these leave."""
     root = np.linalg.cholesky(covariance)
     shift = np.einsum("kij,qj->kqi", root, _OFFSETS)
     values = field_map.value(*displaced(latitude[:, None], longitude[:, None], shift))
@@ -48,44 +39,31 @@ def linear_map(
     across = np.einsum("q,kq,qi->ki", _WEIGHTS, values, _OFFSETS)  # in units of the root
     slope = np.linalg.solve(root.swapaxes(1, 2), across[..., None])[..., 0]
     spread = (values - mean[:, None]) ** 2 @ _WEIGHTS
-    left = np.maximum(spread - (across**2).sum(axis=1), 0.0)
-    return LinearMap(mean, slope, left)
+    return mean, slope, np.maximum(spread - (across**2).sum(axis=1), 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MapReading:
+class MapReading(LinearMeasurement):
     """A reading about a reference."""
 
     reference: Array
     """(5,) latitude, longitude rad, height m, velocity north and east m/s."""
     residual: float
     """Reduced there, less the map's value."""
-    slope: Array
-    """(2,) of the map, per m."""
-    jacobian: Array
-    """(4,) of the reduction by errors of north, east (m), v_north, v_east (m/s)."""
-    by_height: float
-    """Of the reduction by an error of the height, per m."""
+    by_error: Array
+    """(5,) what it changes by with errors of north, east, down (m), v_north, v_east (m/s)."""
     variance: float
     contents: Sequence[str]
     """Names of the auxiliary states that are in it."""
 
-    def update(self, state: FilterState, model: FilterModel) -> Innovation:
-        """See `isogal.fusion.measurements.Measurement`."""
-        latitude, longitude, height, v_north, v_east = self.reference
+    def rows(self, state: FilterState, model: FilterModel) -> Rows:
+        """Return it linearised at a state."""
+        latitude, longitude, height, *velocity = self.reference
         apart = horizontal_difference(state.position[0], state.position[1], latitude, longitude)
-        by_place = self.slope - self.jacobian[:2]
-        expected = float(by_place @ np.asarray(apart))
-        expected -= float(self.jacobian[2:] @ (state.velocity[:2] - [v_north, v_east]))
-        expected -= self.by_height * float(state.position[2] - height)
-        H = np.zeros((1, model.states))
-        H[0, :2], H[0, 3:5] = by_place, -self.jacobian[2:]
-        H[0, 2] = self.by_height
-        first = model.states - len(state.auxiliary)
+        error = [*apart, height - state.position[2], *(state.velocity[:2] - velocity)]
+        H, expected = np.zeros((1, model.states)), self.by_error @ np.array([error]).T
+        H[0, :5] = self.by_error
         for at in (model.places[name] for name in self.contents):
             H[0, at] = 1.0
-            expected += float(state.auxiliary[at - first])
-        rows = Rows(
-            np.array([self.residual]), np.array([expected]), H, np.array([[self.variance]])
-        )
-        return update_linear(state, model, rows)
+            expected += state.auxiliary[at - FILTER_STATES]
+        return Rows(np.array([self.residual]), expected, H, np.array([[self.variance]]))

@@ -10,7 +10,6 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.compiled import kernel
 from isogal.fusion.clone import inform_clone
-from isogal.fusion.gate import beyond
 from isogal.fusion.model import FilterModel
 from isogal.fusion.nominal import move
 from isogal.fusion.state import FilterState
@@ -18,6 +17,9 @@ from isogal.inertial.rotations import cross_matrix
 from isogal.matrices import inverse_of_lower, lower, product
 
 NOTHING = np.full(2, np.nan)
+LEAST_WHITE = 0.1
+"""Share of a stated variance that is taken as white noise at least, however much of it changes
+slowly: an aid whose whole error is smaller than the scenario's slow part is still not exact."""
 
 
 class Outcome(Enum):
@@ -42,7 +44,7 @@ class Innovation:
     nis: float = np.nan
     """Normalised innovation squared; of information beyond the gate a lower bound of it."""
     allowed: float = np.inf
-    """The largest that is used (`isogal.fusion.gate`)."""
+    """The largest that is used (`FilterModel.gate`)."""
     expected: Array = field(default_factory=NOTHING.copy)
     """(m,) what the navigator expected, in the measured axes."""
     reason: str | None = None
@@ -78,7 +80,7 @@ class Innovation:
         expected = np.zeros(len(innovation)) if expected is None else expected
         if nis <= allowed:
             return cls(Outcome.USED, innovation, nis, allowed, expected)
-        reason = beyond(nis, allowed)
+        reason = f"normalised innovation squared {nis:.1f}, allowed {allowed:.1f}"
         return cls(Outcome.REJECTED, innovation, nis, allowed, expected, reason)
 
     @classmethod
@@ -125,12 +127,18 @@ class Rows(NamedTuple):
     """Whether they are of the velocity in the navigation frame (`moved`)."""
 
 
-class Linear(Protocol):
-    """A measurement that is used by its rows."""
+class LinearMeasurement:
+    """A measurement that is used by its rows: that of an aid, in the filter and in the bound."""
+
+    __slots__ = ()
 
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state."""
-        ...
+        raise NotImplementedError
+
+    def update(self, state: FilterState, model: FilterModel) -> Innovation:
+        """See `Measurement`."""
+        return update_linear(state, model, self.rows(state, model))
 
 
 def update_linear(state: FilterState, model: FilterModel, rows: Rows) -> Innovation:
@@ -188,6 +196,14 @@ def stated(assumed: Array, covariance: Array | None) -> Array:
         known = np.flatnonzero(np.diag(covariance) > 0.0)
         result[np.ix_(known, known)] = np.asarray(covariance)[np.ix_(known, known)]
     return result
+
+
+def white_part(stated: Array, slow: Array) -> Array:
+    """Return the covariance (n, n) of white noise in a stated one of the whole error, of which
+    variances (n,) are those of an error that changes slowly."""
+    rest = np.asarray(stated) - np.diag(slow)
+    rest[np.diag_indices(len(rest))] = np.maximum(np.diag(rest), LEAST_WHITE * np.diag(stated))
+    return np.asarray(rest)
 
 
 @kernel(error_model="numpy")

@@ -15,18 +15,27 @@ import numpy as np
 
 from isogal.arrays import Array
 from isogal.earth.frames import horizontal_difference
-from isogal.fusion.measurements.model import Innovation, Rows, update_linear
+from isogal.fusion.auxiliary import AuxiliaryState
+from isogal.fusion.measurements.model import (
+    Innovation,
+    LinearMeasurement,
+    Rows,
+    stated,
+    update_linear,
+    white_part,
+)
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import FILTER_STATES
 from isogal.inertial.rotations import cross_matrix, matrix
+from isogal.scenario import PositionAid
 
 NO_LEVER = (0.0, 0.0, 0.0)
 AXES = "north", "east", "down"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PositionFix:
+class PositionFix(LinearMeasurement):
     """A position."""
 
     latitude: float
@@ -66,3 +75,43 @@ class PositionFix:
                 H[k, at] = 1.0
                 expected[k] += state.auxiliary[at - FILTER_STATES]
         return Rows(np.asarray(apart), expected, H, np.asarray(self.covariance))
+
+
+def position_error_states(aid: PositionAid, height: bool) -> tuple[AuxiliaryState, ...]:
+    """Return the slowly changing errors of an aid's positions, north and east, and down where its
+    height is used: it is not where the height is known."""
+    sigmas = aid.correlated_sigma * np.array(aid.unequal)[: 3 if height and aid.height else 2]
+    return tuple(
+        AuxiliaryState(f"{aid.prefix}_{axis}", "none", k, sigma, time=aid.correlation_time)
+        for k, (axis, sigma) in enumerate(zip(AXES, sigmas.tolist(), strict=False))
+    )
+
+
+def position_fix(
+    aid: PositionAid, place: Array, height_measured: bool, covariance: Array | None = None
+) -> PositionFix:
+    """Return an aid's position as a measurement.
+
+    Parameters
+    ----------
+    aid : scenario.PositionAid
+    place : (3,) array
+        Latitude, longitude (rad), height (m; NaN = it has none now).
+    height_measured : bool
+        Whether the navigator's height is measured rather than known; the aid's is used then, if it
+        has one.
+    covariance : (3, 3) array, optional
+        Of its whole error, NED, m², as the aid states it; None = as the scenario has it, and so is
+        an axis without a variance.
+    """
+    unequal = np.square(aid.unequal)
+    size = 3 if height_measured and aid.height and np.isfinite(place[2]) else 2
+    if covariance is None:
+        white = np.diag(unequal * aid.sigma**2)[:size, :size]
+    else:
+        slow = unequal * aid.correlated_sigma**2
+        whole = stated(np.diag(unequal * aid.sigma**2 + slow), covariance)
+        white = white_part(whole[:size, :size], slow[:size])
+    latitude, longitude, height = place.tolist()
+    above = height if size == 3 else None
+    return PositionFix(latitude, longitude, white, above, aid.lever_arm, aid.prefix)

@@ -16,7 +16,7 @@ import numpy as np
 from isogal.arrays import Array
 from isogal.earth.ellipsoid import EARTH_RATE
 from isogal.earth.gravity import normal_gravity_at
-from isogal.fusion.measurements.model import Innovation, Rows, update_linear
+from isogal.fusion.measurements.model import LinearMeasurement, Rows
 from isogal.fusion.model import FilterModel
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import FILTER_STATES
@@ -35,7 +35,7 @@ def sensed_at_rest(position: Array, model: FilterModel) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AtRest:
+class AtRest(LinearMeasurement):
     """Means of the inertial data of a vehicle at rest, or of its gyroscopes' alone."""
 
     force: Array
@@ -47,15 +47,6 @@ class AtRest:
     rate_sigma: float | None = None
     """1-sigma of the noise of such a mean of a gyroscope, rad/s; None = its white noise's."""
 
-    @classmethod
-    def of_gyroscopes(cls, rate: Array, sigma: float) -> "AtRest":
-        """Return the measurement of zero rotation by gyroscopes of a 1-sigma (rad/s)."""
-        return cls(np.full(3, np.nan), rate, 1.0, sigma)
-
-    def update(self, state: FilterState, model: FilterModel) -> Innovation:
-        """See `isogal.fusion.measurements.Measurement`."""
-        return update_linear(state, model, self.rows(state, model))
-
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state."""
         force, rate = sensed_at_rest(state.position, model)
@@ -65,7 +56,11 @@ class AtRest:
         H[3:, 6:9] = to_body @ cross_matrix(rate)
         H[:, 9:15] = np.eye(6)
         for j, one in enumerate(model.auxiliary):
-            self._add(H[:, FILTER_STATES + j], one.enters, one.axis, one.source, to_body)
+            row, share = one.input
+            if row >= 3:
+                H[row - 3, FILTER_STATES + j] = (1.0, *self.force, *self.rate)[share]
+            elif row >= 0:
+                H[:3, FILTER_STATES + j] = -to_body[:, row]
         expected = np.concatenate([to_body @ force, to_body @ rate])
         expected += H[:, 9:] @ np.concatenate(state.nominal[3:])
         variance = np.square(model.noise) / self.seconds
@@ -74,16 +69,3 @@ class AtRest:
         read = np.concatenate([self.force, self.rate])
         used = np.flatnonzero(np.isfinite(read))
         return Rows(read[used], expected[used], H[used], np.diag(variance[used]))
-
-    def _add(
-        self, column: Array, enters: str, axis: int, source: int | None, to_body: Array
-    ) -> None:
-        """Write what the readings contain of an auxiliary state (6,)."""
-        sensor = 0 if enters.startswith("accelerometer") else 3
-        if enters == "gravity":
-            column[:3] = -to_body[:, axis]
-        elif enters.endswith("scale"):
-            seen = self.rate if sensor else self.force
-            column[sensor + axis] = seen[axis if source is None else source]
-        elif enters != "none":
-            column[sensor + axis] = 1.0

@@ -6,9 +6,8 @@ rejects what would put it right."""
 import numpy as np
 
 from isogal.arrays import Array
-from isogal.fusion.gate import quantile
 from isogal.fusion.measurements.model import Innovation, Outcome, Rows, update_linear
-from isogal.fusion.model import FilterModel
+from isogal.fusion.model import FilterModel, quantile
 from isogal.fusion.state import FilterState
 
 INSISTS = 30

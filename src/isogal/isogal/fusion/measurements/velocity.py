@@ -6,14 +6,20 @@
 with the velocity v and the current or wind c (NED, m/s), the attitude C (body to NED), mounting
 errors m about the right and the down axis (rad) and a scale factor error s."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from isogal.arrays import Array
 from isogal.fusion.auxiliary import AuxiliaryState
-from isogal.fusion.measurements.model import Innovation, Rows, stated, update_linear
+from isogal.fusion.measurements.model import (
+    Innovation,
+    LinearMeasurement,
+    Rows,
+    stated,
+    update_linear,
+)
 from isogal.fusion.measurements.rest import AtRest
 from isogal.fusion.measurements.trust import (
     STANDSTILL,
@@ -39,50 +45,46 @@ def _names(prefix: str, medium: str) -> tuple[str, ...]:
 
 def velocity_error_states(aids: Sequence[Velocity]) -> tuple[AuxiliaryState, ...]:
     """Return of each aid the scale factor error, mounting errors about the right and the down
-    axis, and the current or wind to the north and east, those that are not zero. What several move
-    through is one, as the first of them has it."""
-    found = {one.name: one for aid in reversed(aids) for one in _error_states(aid)}
+    axis, and the current or wind to the north and east. What several move through is one, as the
+    first of them has it that has any."""
+    found = {one.name: one for aid in reversed(aids) for one in _states(aid) if one.sigma > 0.0}
     return tuple(found.values())
 
 
-def _error_states(velocity: Velocity) -> tuple[AuxiliaryState, ...]:
+def _states(velocity: Velocity) -> Iterator[AuxiliaryState]:
     names = _names(velocity.prefix, velocity.medium)
-    scale, misalignment, current = (
-        velocity.number(key) for key in ("scale", "misalignment", "current_sigma")
-    )
+    errors = "scale", "misalignment", "misalignment"
+    for axis, (name, key) in enumerate(zip(names, errors, strict=False)):
+        yield AuxiliaryState(name, "none", axis, velocity.number(key))
+    current = velocity.number("current_sigma")
     time, length = velocity.current_time, velocity.current_length
-    every = (
-        AuxiliaryState(names[0], "none", 0, scale),
-        AuxiliaryState(names[1], "none", 1, misalignment),
-        AuxiliaryState(names[2], "none", 2, misalignment),
-        AuxiliaryState(names[3], "none", 0, current, time=time, length=length),
-        AuxiliaryState(names[4], "none", 1, current, time=time, length=length),
-    )
-    return tuple(state for state in every if state.sigma > 0.0)
+    for axis, name in enumerate(names[3:]):
+        yield AuxiliaryState(name, "none", axis, current, time, length)
+
+
+_ANY = Velocity()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VelocityReading:
+class VelocityReading(LinearMeasurement):
     """A reading of the velocity in body axes.
 
-    One that is slower than `standstill_speed` means that the vehicle stands still on the ground.
-    Where fixes have contradicted the navigator (`Widening`) others have to agree with it for a
-    while: its own velocity has no error that fixes do not correct in time, an aid that is not what
-    it says pulls it away from the truth again and again."""
+    One that is slower than the aid's `standstill_speed` means that the vehicle stands still on the
+    ground. Where fixes have contradicted the navigator (`Widening`) others have to agree with it
+    for a while: its own velocity has no error that fixes do not correct in time, an aid that is
+    not what it says pulls it away from the truth again and again."""
 
     velocity: Array
     """(3,) forward, right, down, m/s; NaN = not measured, but one of them is."""
     covariance: Array
     """(3, 3) of its white noise, (m/s)²."""
-    standstill_speed: float = 0.0
-    """m/s."""
-    standstill_sigma: float = 0.01
-    """m/s, 1-sigma of a velocity of zero."""
-    at_rest: AtRest | None = None
-    """What the gyroscopes read, which is used where the vehicle stands still."""
+    aid: Velocity = _ANY
+    """Which it is of."""
+    rate: Array | None = None
+    """(3,) what the gyroscopes read then, rad/s; None = not known."""
     prefix: str = "velocity"
     medium: str = "current"
-    """Of the names of its states."""
+    """Of the names of its states: the aid's, which take it as long to say as all the rest."""
 
     @classmethod
     def of(
@@ -114,22 +116,11 @@ class VelocityReading:
         if settings.kind == "wheels" and np.isnan(velocity[1]):
             velocity = np.array([velocity[0], 0.0, velocity[2]])
         R = stated(np.eye(3) * settings.number("sigma") ** 2, covariance)
-        at_rest = None
-        if rate is not None and settings.standstill_rate is not None:
-            at_rest = AtRest.of_gyroscopes(rate, settings.standstill_rate)
-        return cls(
-            velocity,
-            R,
-            settings.standstill_speed,
-            settings.standstill_sigma,
-            at_rest,
-            settings.prefix,
-            settings.medium,
-        )
+        return cls(velocity, R, settings, rate, settings.prefix, settings.medium)
 
     def update(self, state: FilterState, model: FilterModel) -> Innovation:
         """See `isogal.fusion.measurements.Measurement`."""
-        if np.linalg.norm(self.velocity[np.isfinite(self.velocity)]) < self.standstill_speed:
+        if np.linalg.norm(self.velocity[np.isfinite(self.velocity)]) < self.aid.standstill_speed:
             return self._update_at_standstill(state, model)
         rows = self.rows(state, model)
         if VELOCITY in state.contradicted:
@@ -144,8 +135,9 @@ class VelocityReading:
         carried: zeros are used once the gyroscopes have agreed with so many as
         `standstill_waits` says."""
         rows = self._standing(state, model)
-        if self.at_rest is not None:
-            gyroscopes = self.at_rest.rows(state, model)
+        sigma = self.aid.standstill_rate
+        if sigma is not None and self.rate is not None:
+            gyroscopes = AtRest(np.full(3, np.nan), self.rate, 1.0, sigma).rows(state, model)
             if standstill_waits(state, gyroscopes, squared(state, rows) > model.gate(3)):
                 return untrusted(state, model, rows, STANDSTILL, "the vehicle may be carried")
             update_linear(state, model, gyroscopes)
@@ -155,58 +147,33 @@ class VelocityReading:
     def _standing(self, state: FilterState, model: FilterModel) -> Rows:
         """Return the rows of a vehicle that stands, in body axes: a zero in others would measure
         the heading (`moved`)."""
-        H, expected = velocity_reading(model, matrix(state.attitude), state.velocity)
-        H[:, FILTER_STATES:] = 0.0
-        return Rows(np.zeros(3), expected, H, np.eye(3) * self.standstill_sigma**2)
+        to_body, H = matrix(state.attitude).T, np.zeros((3, model.states))
+        H[:, 3:6], H[:, 6:9] = to_body, to_body @ cross_matrix(state.velocity)
+        expected = to_body @ state.velocity
+        return Rows(np.zeros(3), expected, H, np.eye(3) * self.aid.standstill_sigma**2)
 
     def rows(self, state: FilterState, model: FilterModel) -> Rows:
         """Return it linearised at a state, as of a vehicle that moves."""
         axes = np.flatnonzero(np.isfinite(self.velocity))
         places = [model.places.get(name) for name in _names(self.prefix, self.medium)]
         errors = state.auxiliary.tolist()
-        values = [0.0 if at is None else errors[at - FILTER_STATES] for at in places]
-        past = state.velocity.copy()
-        past[:2] -= values[3:]
-        H, expected = velocity_reading(model, matrix(state.attitude), past, places, values)
+        scale, about_right, about_down, *flow = (
+            0.0 if at is None else errors[at - FILTER_STATES] for at in places
+        )
+        past = state.velocity - [*flow, 0.0]  # relative to the ground, the water or the air
+        rotation, factor = matrix(state.attitude), 1.0 + scale
+        x, y, z = (rotation.T @ past).tolist()  # np.cross would take as long as all the rest
+        across = y * about_down - z * about_right, -x * about_down, x * about_right
+        turned = np.array([x, y, z]) + across
+        by_body = factor * (np.eye(3) - cross_matrix([0.0, about_right, about_down]))
+        by_past = by_body @ rotation.T
+        H = np.zeros((3, model.states))
+        H[:, 3:6], H[:, 6:9] = by_past, by_past @ cross_matrix(past)
+        of_mounting = [-factor * z, 0.0, factor * x], [factor * y, -factor * x, 0.0]
+        columns = turned, *of_mounting, -by_past[:, 0], -by_past[:, 1]
+        for at, column in zip(places, columns, strict=True):
+            if at is not None:
+                H[:, at] = column
         R = self.covariance[np.ix_(axes, axes)]
-        return Rows(np.asarray(self.velocity, dtype=float)[axes], expected[axes], H[axes], R)
-
-
-def velocity_reading(
-    model: FilterModel,
-    rotation: Array,
-    past: Array,
-    places: Sequence[int | None] = (None,) * 5,
-    values: Sequence[float] = (0.0,) * 5,
-) -> tuple[Array, Array]:
-    """Return d(reading)/d(error state) (3, 15 + M) of a velocity aid, and the reading.
-
-    Parameters
-    ----------
-    model : FilterModel
-    rotation : (3, 3) array
-        Body to NED.
-    past : (3,) array
-        Velocity relative to the ground, or to the water or air, NED, m/s.
-    places : sequence of int, optional
-        Of its scale factor, mounting about right and down, current or wind north and east among
-        all states; None = there is none.
-    values : sequence of float, optional
-        Of these; 0 of those that there are not.
-    """
-    body = rotation.T @ past
-    scale, about_right, about_down = values[:3]
-    factor = 1.0 + scale
-    x, y, z = body.tolist()  # np.cross would take as long as all the rest
-    across = y * about_down - z * about_right, -x * about_down, x * about_right
-    turned = body + np.array(across)
-    by_body = factor * (np.eye(3) - cross_matrix([0.0, about_right, about_down]))
-    by_past = by_body @ rotation.T
-    H = np.zeros((3, model.states))
-    H[:, 3:6], H[:, 6:9] = by_past, by_past @ cross_matrix(past)
-    of_mounting = [-factor * z, 0.0, factor * x], [factor * y, -factor * x, 0.0]
-    columns = turned, *of_mounting, -by_past[:, 0], -by_past[:, 1]
-    for at, column in zip(places, columns, strict=True):
-        if at is not None:
-            H[:, at] = column
-    return H, factor * turned
+        measured = np.asarray(self.velocity, dtype=float)[axes]
+        return Rows(measured, factor * turned[axes], H[axes], R)
