@@ -1,8 +1,7 @@
 """``metadata.yaml`` of a bag, as rosbag2 writes it (version 9)."""
 
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pydantic import JsonValue
@@ -51,14 +50,15 @@ class Contents:
         self.first = log_ns if self.first is None else min(self.first, log_ns)
         self.last = max(self.last, log_ns)
 
-    def copy(self) -> "Contents":
-        """Return what it holds now, to which nothing is counted any more."""
-        return replace(self, topics={name: replace(one) for name, one in self.topics.items()})
-
     def information(self) -> Entry:
         """Return what ``metadata.yaml`` says under ``rosbag2_bagfile_information``."""
         start = self.first or 0
-        this = file_entry(self.file, start, max(0, self.last - start), self.messages)
+        this: Entry = {
+            "path": self.file,
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "duration": {"nanoseconds": max(0, self.last - start)},
+            "message_count": self.messages,
+        }
         files = [*self.earlier, this]
         counts = (entry["message_count"] for entry in files)
         return {
@@ -89,37 +89,14 @@ class Contents:
         }
 
 
-def file_entry(path: str, start: int = 0, duration: int = 0, count: int = 0) -> Entry:
-    """Return what ``metadata.yaml`` says of a file.
-
-    Parameters
-    ----------
-    path : str
-        Its name.
-    start, duration : int
-        ns; of what nothing is known, zero.
-    count : int
-        Of messages.
-    """
-    return {
-        "path": path,
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "duration": {"nanoseconds": duration},
-        "message_count": count,
-    }
-
-
-def earlier_files(folder: Path, files: Sequence[Path]) -> list[Entry]:
-    """Return the entries of files that ``metadata.yaml`` in a folder has; of others what there is
-    to say without reading them."""
-    known: dict[str, Entry] = {}
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        text = (folder / "metadata.yaml").read_text(encoding="utf-8")
-        document = parse_yaml(text, "metadata.yaml")
-        for entry in document["rosbag2_bagfile_information"]["files"]:
-            if isinstance(entry["message_count"], int):
-                known[entry["path"]] = entry
-    return [known.get(file.name, file_entry(file.name)) for file in files]
+def earlier_files(folder: Path) -> list[Entry]:
+    """Return what ``metadata.yaml`` in a folder says of the files there; nothing where there is
+    none."""
+    path = folder / "metadata.yaml"
+    if not path.exists():
+        return []
+    document = parse_yaml(path.read_text(encoding="utf-8"), str(path))
+    return list(document["rosbag2_bagfile_information"]["files"])
 
 
 def qos_entries(profiles: Iterable[QoSProfile]) -> list[JsonValue]:

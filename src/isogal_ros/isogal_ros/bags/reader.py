@@ -56,8 +56,6 @@ class BagReader:
     """Why the reading ended early; None = the file is whole. Known after reading."""
     types: dict[str, str] = field(default_factory=dict)
     """Message type by topic; filled while reading."""
-    publishers: dict[str, int] = field(default_factory=dict)
-    """How many publishers offered a topic when it was recorded, as far as that is known."""
     remapping: Remapping = field(default_factory=Remapping)
     """Names that topics have instead of those recorded."""
     drivers: Mapping[str, Mapping[str, JsonValue]] = field(default_factory=dict)
@@ -132,9 +130,6 @@ class BagReader:
                     topic = self._channels[file, item.id] = self.remapping(item.topic)
                     if topic is not None:
                         self.types[topic] = schemas.get(item.schema_id, "")
-                        # a profile of each, in YAML
-                        offers = item.metadata.get("offered_qos_profiles", "").count("history:")
-                        self.publishers[topic] = offers
                 elif isinstance(item, Message):
                     topic = self._channels[file, item.channel_id]
                     if topic is not None:

@@ -3,19 +3,16 @@ of the input to the report, what they print, and their exit status. Results go t
 all else to standard error."""
 
 import os
-import time
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from threading import Thread, get_native_id
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 from pydantic import JsonValue
 
 from isogal.cli.errors import INTERRUPTED, note
 from isogal.cli.tables import print_json, print_table
-from isogal.errors import InputError
 from isogal.evaluation.figures import style
 from isogal.evaluation.html_report import number
 from isogal.evaluation.results import Summary
@@ -85,7 +82,6 @@ def run_command(
     plan = Plan(scenario, folder, rate=how.rate, checkpoint=checkpoint, domain=how.domain)
     watch = Watch(scenario, trajectory, first_map(field_map), folder)
     shown = watching(watch, dashboard=how.dashboard, page=how.live, port=how.port)
-    begun = time.monotonic()
     Thread(target=_load_plotting, daemon=True).start()
     try:
         with interrupts() as interrupt, shown as report:
@@ -97,8 +93,9 @@ def run_command(
         note(str(error))
         return FAILED
     if interrupt:
-        seconds, kept = time.monotonic() - begun, _kept(folder)
-        typer.echo(f"Interrupted after {seconds:.0f} s; all nodes have ended.{kept}", err=True)
+        typer.echo(
+            f"Interrupted; all nodes have ended. What was recorded is in {folder}", err=True
+        )
         return INTERRUPTED
     typer.echo(f"The graph took {wall:.1f} s; writing the report ...", err=True)
     collector = Collector(scenario)
@@ -107,7 +104,12 @@ def run_command(
     if summary is None:
         note("the run has no scan, so there is nothing to report")
         return FAILED
-    _print_summary(summary, json, f"Report: {out / 'report.html'}   recording: {folder}")
+    if json:
+        print_json(summary)
+    else:
+        table = key_figures(summary)
+        below = f"Report: {out / 'report.html'}   recording: {folder}"
+        print_table(table.header, table.rows, below)
     return 0
 
 
@@ -255,10 +257,9 @@ def faults_command(scenario: Scenario, out: Path, *, trials: int, quick: bool, j
     InputError
         Scenario or folder cannot be used.
     """
-    from isogal_ros.faults.campaign import PAGE, quick_scenario, run_campaign
+    from isogal_ros.faults.campaign import PAGE, run_campaign
 
     make_folder(out)
-    scenario = quick_scenario(scenario) if quick else scenario
     try:
         with interrupts() as interrupt:
             table = run_campaign(scenario, out, trials, quick, interrupt)
@@ -319,14 +320,6 @@ def _fresh_checkpoints(folder: Path) -> Path:
     return folder
 
 
-def _kept(bag: Path) -> str:
-    """Say how an interrupted run is replayed; nothing where no message was recorded yet."""
-    with suppress(InputError):
-        if any(True for _ in BagReader(bag).messages()):
-            return f" The recording is kept: isogal replay {bag}"
-    return ""
-
-
 def _announce(domain: int) -> None:
     """Say how the nodes can be watched."""
     environment = " ".join(f"{name}={value}" for name, value in DISCOVERY.items())
@@ -335,15 +328,6 @@ def _announce(domain: int) -> None:
         f" installed:\n  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix",
         err=True,
     )
-
-
-def _print_summary(summary: Summary, json: bool, below: str) -> None:
-    """Print the figures of a run, and a line below their table."""
-    if json:
-        print_json(summary)
-    else:
-        table = key_figures(summary)
-        print_table(table.header, table.rows, below)
 
 
 def _differences(result: Replay, tolerance: float | None, changed: bool) -> list[str]:
@@ -358,51 +342,27 @@ def _differences(result: Replay, tolerance: float | None, changed: bool) -> list
     return [f"the fixes {by} (tolerance {allowed:g} m), disagreements: {found.disagreements}"]
 
 
-def _of_report(out: Path, result: Replay, summary: Summary | None) -> str:
-    """Say where the report is, or why there is none."""
-    if summary is not None:
-        return f"Report: {out / 'report.html'}"
-    if result.interrupted:
-        return "No report: the replay was interrupted."
-    if not result.outputs.truth:
-        name = topics.TRUTH_FIX.name
-        return f"No report: the recording has no {name}, so errors are not known."
-    return (
-        "No report: there is no scan of which both the truth and the navigator's state are known."
-    )
-
-
-def _document(
-    bag: Path, out: Path | None, result: Replay, summary: Summary | None
-) -> dict[str, Any]:
-    found = result.comparison
-    document: dict[str, Any] = {
-        "bag": str(bag),
-        "simulated_s": result.simulated,
-        "wall_s": result.wall_seconds,
-        "fixes": {
-            "recorded": found.recorded,
-            "replayed": found.replayed,
-            "common": found.common,
-        },
-        "disagreements": found.disagreements,
-        "largest_difference_m": found.largest_difference,
-        "notes": result.notes,
-        "failures": result.failures,
-    }
-    if out is not None and not result.interrupted:
-        document["summary"] = summary
-        document["report"] = None if summary is None else str(out / "report.html")
-    return document
-
-
 def _print_replay(
     bag: Path, out: Path | None, result: Replay, summary: Summary | None, json: bool
 ) -> None:
-    if json:
-        print_json(_document(bag, out, result, summary))
-        return
     found, apart = result.comparison, result.comparison.largest_difference
+    report = out / "report.html" if out is not None and summary is not None else None
+    if json:
+        fixes = {name: getattr(found, name) for name in ("recorded", "replayed", "common")}
+        document = {
+            "bag": str(bag),
+            "simulated_s": result.simulated,
+            "wall_s": result.wall_seconds,
+            "fixes": fixes,
+            "disagreements": found.disagreements,
+            "largest_difference_m": apart,
+            "notes": result.notes,
+            "failures": result.failures,
+        }
+        if out is not None and not result.interrupted:
+            document |= {"summary": summary, "report": report and str(report)}
+        print_json(document)
+        return
     for text in result.notes:
         print(f"Note: {text}.")
     print(f"Replayed {result.simulated:.0f} s in {result.wall_seconds:.1f} s.")
@@ -412,9 +372,10 @@ def _print_replay(
     )
     if found.disagreements is None:
         print(f"Not compared: there are {NO_FIXES}.")
-    elif apart is None:
-        print(f"Disagreements: {found.disagreements}.")
     else:
-        print(f"Largest difference: {apart:.3g} m; disagreements: {found.disagreements}.")
-    if out is not None:
-        print(_of_report(out, result, summary))
+        largest = "" if apart is None else f" Largest difference: {apart:.3g} m;"
+        print(f"Compared:{largest} disagreements: {found.disagreements}.")
+    if report is not None:
+        print(f"Report: {report}")
+    elif out is not None:
+        print(f"No report: it needs a whole replay, and {topics.TRUTH_FIX.name} at its scans.")

@@ -24,6 +24,17 @@ Document = dict[str, dict[str, JsonValue]]
 """Parameters by the pattern of the nodes' names."""
 
 
+def leaves(document: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:
+    """Return the values of a document by their dotted names."""
+    values: dict[str, JsonValue] = {}
+    for key, value in document.items():
+        if isinstance(value, dict):
+            values |= leaves(value, f"{prefix}{key}.")
+        else:
+            values[f"{prefix}{key}"] = value
+    return values
+
+
 def read_parameters(path: str, where: str) -> Document:
     """Return the sections of a parameter file; raises InputError, which begins with `where`."""
     with reading(where):
@@ -42,7 +53,7 @@ def values_of(document: Document, full_name: str) -> dict[str, JsonValue]:
     values: dict[str, JsonValue] = {}
     for pattern, parameters in document.items():
         if _matches(pattern, full_name):
-            values |= _leaves(parameters)
+            values |= leaves(parameters)
     return {name: value for name, value in values.items() if not name.startswith(OF_RCLPY)}
 
 
@@ -155,17 +166,6 @@ def given_parameters(
         content = value if is_text else parse_yaml(value, f"{option} {name}")
         found[name] = names[name].cast(content)
     return found
-
-
-def _leaves(document: dict[str, JsonValue], prefix: str = "") -> dict[str, JsonValue]:
-    """Return values by dotted name."""
-    values: dict[str, JsonValue] = {}
-    for key, value in document.items():
-        if isinstance(value, dict):
-            values |= _leaves(value, f"{prefix}{key}.")
-        else:
-            values[f"{prefix}{key}"] = value
-    return values
 
 
 def _matches(pattern: str, full_name: str) -> bool:

@@ -9,13 +9,11 @@ that does otherwise than the recorded one did needs readings of its own."""
 import math
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from pydantic import JsonValue
-from rclpy.serialization import deserialize_message
 
 from isogal.errors import InputError
 from isogal.fusion.inertial_navigator import InertialNavigator
@@ -25,6 +23,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Collector, wanted_messages
 from isogal_ros.graph.bus import Bus
+from isogal_ros.graph.parameter_files import leaves
 from isogal_ros.graph.plan import Plan
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.aids import each_aid
@@ -38,20 +37,14 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_queue import moved, read_nav
 from isogal_ros.topics import Topic
 
-_KEYS = {
-    "gravimeter": ("quantity", "interval", "lever_arm"),
-    "magnetometer": None,
-    "altimeter": None,
-    "gradiometer": ("components",),
+_REDUCTION: Mapping[str, bool | set[str]] = {
+    "field": True,
+    "gravimeter": {"quantity", "interval", "lever_arm"},
+    "magnetometer": True,
+    "altimeter": True,
+    "gradiometer": {"components"},
 }
-"""Keys of the reduction by section; None = all."""
-_WITHOUT = {
-    topics.BAROMETER.name: "--set height.source=scenario",
-    topics.VELOCITY.name: "--set velocity.kind=none",
-    topics.GNSS_FIX.name: "--set gnss.available=null",
-    topics.GNSS_VELOCITY.name: "--set gnss.velocity_sigma=null",
-}
-"""What replays without a sensor beside the IMU, by its topic."""
+"""Keys of a scenario that readings are reduced by."""
 Start = dict[str, JsonValue]
 """Parameters of ukf_fusion_node by name."""
 LATE = 60.0
@@ -74,8 +67,6 @@ class Recorded:
     """Whether these are those of the instruments, which are reduced anew."""
     start: Start | None = None
     """Where the recorded navigator started; None = the bag does not say it."""
-    without_effect: tuple[str, ...] = ()
-    """Keys `gravimeter.sigma` that are changed in vain: the readings say their own variance."""
     reduced_by_another: bool = False
     """Whether sensed gravity is fed that a navigator has reduced which may have done otherwise."""
 
@@ -161,45 +152,20 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         tuple(topic for topic in sensors if topic not in (*aids, *inertial)),
         reduces,
         _start(scenario, collector.first_nav, odometry, first),
-        _sigmas_in_vain(recorded, scenario, sensors, reduces),
         reduced_by_another=differs and sensed and not reduces,
     )
 
 
-def _sigmas_in_vain(
-    recorded: Scenario | None,
-    now: Scenario,
-    sensors: dict[Topic, dict[int, bytes]],
-    reduces: bool,
-) -> tuple[str, ...]:
-    """Return the keys `Recorded.without_effect`."""
-    found: list[str] = []
-    before = () if recorded is None else recorded.each_field
-    for prefix, was, one in zip(_prefixes(now), before, now.each_field, strict=False):
-        if was.gravimeter.sigma == one.gravimeter.sigma:
-            continue
-        adapter = adapter_of(one)
-        topic, read = (
-            (adapter.raw, adapter.read_raw) if reduces else (adapter.reduced, adapter.read_reduced)
-        )
-        data = next(iter(sensors[topic].values()), None)
-        with suppress(BadMessageError):
-            if data is not None and read(deserialize_message(data, topic.type))[1] is not None:
-                found.append(f"{prefix}gravimeter.sigma")
-    return tuple(found)
-
-
 def _check_there(reader: BagReader, missing: list[str]) -> None:
     """Raise InputError where topics are missing."""
-    if not missing:
-        return
-    there = ", ".join(sorted(reader.types)) or "nothing"
-    cut = f"; {reader.cut}" if reader.cut else ""
-    keys = "".join(f"; {key} replays without" for name, key in _WITHOUT.items() if name in missing)
-    raise InputError(
-        f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs{keys}; those"
-        f" of another name are taken by --remap /TOPIC:={missing[0]}; the bag has {there}{cut}"
-    )
+    if missing:
+        there = ", ".join(sorted(reader.types)) or "nothing"
+        cut = f"; {reader.cut}" if reader.cut else ""
+        raise InputError(
+            f"{reader.path}: no messages on {' and '.join(missing)}, which a replay by this"
+            " scenario needs; those of another name are taken by --remap"
+            f" /TOPIC:={missing[0]}; the bag has {there}{cut}"
+        )
 
 
 def _check_reduction(path: Path, recorded: Scenario | None, now: Scenario, raw: bool) -> None:
@@ -215,41 +181,26 @@ def _check_reduction(path: Path, recorded: Scenario | None, now: Scenario, raw: 
     InputError
         It does, and cannot with this bag.
     """
-    if recorded is None:
-        return
-    before, after = _keys_of(recorded), _keys_of(now)
+    before, after = _keys_of(recorded or now), _keys_of(now)
     changed = [key for key in after if key not in before or after[key] != before[key]]
-    if not changed:
-        return
-    keys = ", ".join(changed)
-    if not raw:
+    if changed and not raw:
         raise InputError(
-            f"{path}: a replay cannot change {keys}: the readings in the bag are reduced, and it"
-            " has not all that the instrument measured"
+            f"{path}: a replay cannot change {', '.join(changed)}: the readings in the bag are"
+            " reduced, and it has not all that the instrument measured"
         )
-    for prefix, was, one in zip(_prefixes(now), recorded.each_field, now.each_field, strict=False):
-        if one.gravimeter.interval < was.gravimeter.interval:
-            raise InputError(
-                f"{path}: a replay cannot make {prefix}gravimeter.interval shorter than it was"
-                f" ({was.gravimeter.interval:g} s)"
-            )
-
-
-def _prefixes(scenario: Scenario) -> list[str]:
-    """Return what stands before the keys of each field."""
-    return (
-        [""] if scenario.fields is None else [f"fields.{n}." for n in range(len(scenario.fields))]
-    )
+    for key in changed:
+        was, now_is = before.get(key), after[key]
+        of_scans = key.endswith("gravimeter.interval")
+        if of_scans and isinstance(was, float) and isinstance(now_is, float) and now_is < was:
+            raise InputError(f"{path}: a replay cannot make {key} shorter than it was ({was:g} s)")
 
 
 def _keys_of(scenario: Scenario) -> dict[str, JsonValue]:
+    """Return the keys that the readings of each field are reduced by."""
     found: dict[str, JsonValue] = {}
-    for prefix, one in zip(_prefixes(scenario), scenario.each_field, strict=True):
-        document = one.model_dump()
-        found[f"{prefix}field"] = document["field"]
-        for section, keys in _KEYS.items():
-            values = document[section]
-            found |= {f"{prefix}{section}.{key}": values[key] for key in keys or values}
+    for n, one in enumerate(scenario.each_field):
+        prefix = "" if scenario.fields is None else f"fields.{n}."
+        found |= leaves(one.model_dump(include=_REDUCTION), prefix)
     return found
 
 

@@ -15,7 +15,6 @@ from isogal.errors import InputError
 from isogal.sensors.scans import Thinning
 from isogal_ros import topics
 from isogal_ros.mavlink.decoding import PATIENCE, ROWS, Receiver
-from isogal_ros.mavlink.destination import Destination, host_and_port
 from isogal_ros.mavlink.encoding import (
     GPS_INPUT,
     SENT,
@@ -42,8 +41,7 @@ class Silence:
     """Follows what the matcher says of each batch, and the navigator's answers."""
 
     def __init__(self) -> None:
-        self._lost = self._found = False
-        self._elsewhere, self._aligned = False, False
+        self._lost = self._found = self._elsewhere = self._aligned = False
         self._fixed: int | None = None
         self.resets = 0
         """How often the position has jumped to another place."""
@@ -108,6 +106,8 @@ class MavlinkSettings(NodeSettings):
 MAVLINK = "isogal_mavlink"
 EARLY = 0.05
 """Of the interval between messages, by which one may come before its time: stamps jitter."""
+AGAIN = 30.0
+"""s between look-ups of a host's name."""
 
 
 class MavlinkNode(GraphNode[MavlinkSettings]):
@@ -123,7 +123,11 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
             raise InputError(
                 f"message: must be {', '.join(SENT)} or empty, not {self.settings.message!r}"
             )
-        self._to = Destination(*host_and_port("address", self.settings.address))
+        self._host = _host_and_port("address", self.settings.address)
+        self._to: tuple[str, int] | None = None
+        """Address of the host; None = not known yet."""
+        self._again = 0.0
+        """When (s) it is looked up again: without a server of names that takes seconds."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         # without it a datagram to all of a network is refused
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
@@ -134,7 +138,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         self._pace = Thinning(from_seconds(1.0 / self.settings.rate), EARLY)
         self._receiver: Receiver | None = None
         if self.settings.receive:
-            at = host_and_port("receive", self.settings.receive)
+            at = _host_and_port("receive", self.settings.receive)
             self._receiver = Receiver(self, self._dialect, at)
         if not self.settings.message:
             return
@@ -189,16 +193,18 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         self.health.state(OK, "sending")
 
     def _send(self, message: Any) -> None:
-        if self._to.address is None:
-            self.health.concern("sending", f"{self.settings.address}: {self._to.why}")
-            return
         try:
-            # the sequence number is that of this sender
-            self._socket.sendto(message.pack(self._mavlink), self._to.address)
-            self._mavlink.seq = (self._mavlink.seq + 1) % 256
-            self.health.concern("sending", None)
-        except OSError as error:
-            self.health.concern("sending", f"{self.settings.address}: {error.strerror or error}")
+            if self._to is None and self.monotonic() >= self._again:
+                self._again = self.monotonic() + AGAIN
+                self._to = socket.gethostbyname(self._host[0]), self._host[1]
+            if self._to is not None:
+                # the sequence number is that of this sender
+                self._socket.sendto(message.pack(self._mavlink), self._to)
+                self._mavlink.seq = (self._mavlink.seq + 1) % 256
+                self.health.concern("sending", None)
+        except (OSError, UnicodeError) as error:
+            why = getattr(error, "strerror", None) or error
+            self.health.concern("sending", f"{self.settings.address}: {why}")
 
     def _beat(self) -> None:
         if self.active:  # HEARTBEAT: onboard controller, no autopilot, active
@@ -216,9 +222,17 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         super().destroy_node()
 
     def _close_sockets(self) -> None:
-        for name in ("_to", "_socket", "_receiver"):
+        for name in ("_socket", "_receiver"):
             if (one := getattr(self, name, None)) is not None:
                 one.close()
+
+
+def _host_and_port(name: str, text: str) -> tuple[str, int]:
+    """Return what a parameter says; raises InputError where it is no ``host:port``."""
+    host, _, port = text.rpartition(":")
+    if not (host and port.isdecimal() and 0 < int(port) < 65536):
+        raise InputError(f"{name}: must be host:port, not {text!r}")
+    return host, int(port)
 
 
 def _dialect() -> ModuleType:
