@@ -83,9 +83,9 @@ def test_the_policy_names_each_node(two) -> None:
         profile.get("node"): {item.text for item in profile.iter("topic")}
         for profile in tree.getroot().iter("profile")
     }
-    assert {"magnetometer/anomaly", "gravimeter/disturbance"} <= found[topics.PMHT_MM]
-    assert "magnetometer/anomaly" in found[f"{topics.GRAVIMETER}_magnetic"]
-    assert "magnetometer/anomaly" not in found[topics.GRAVIMETER]
+    assert {"/magnetometer/anomaly", "/gravimeter/disturbance"} <= found[topics.PMHT_MM]
+    assert "/magnetometer/anomaly" in found[f"{topics.GRAVIMETER}_magnetic"]
+    assert "/magnetometer/anomaly" not in found[topics.GRAVIMETER]
 
 
 def assert_library(bag: Path, scenario: Scenario) -> None:
