@@ -116,7 +116,7 @@ def test_a_sensor_that_the_recording_lacks_is_named_with_its_key(recording) -> N
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("imu_frme=x", "--parameter imu_frme: no parameter of ukf_fusion_node; did you mean"),
+        ("imu_frme=x", "--parameter imu_frme: no such parameter; did you mean"),
         ("max_gap", "--parameter: must be NAME=VALUE, not 'max_gap'"),
         ("max_gap=-1", "--parameter: max_gap"),
     ],

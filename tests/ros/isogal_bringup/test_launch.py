@@ -77,7 +77,7 @@ def test_every_node_is_started_with_parameters_it_knows(launch) -> None:
         ({"checkpoint": "/proc/x"}, "checkpoint: /proc/x: cannot be written: /proc: "),
         ({"set": "map.source=/no/such.nc"}, "/no/such.nc"),
         ({"namespace": "a b"}, "namespace: must be words"),
-        ({"set": "route.speed"}, "set: must be KEY=VALUE, not 'route.speed'"),
+        ({"set": "route.speed"}, "set: must be NAME=VALUE, not 'route.speed'"),
         ({"set": "route.sped=3"}, "did you mean 'route.speed'"),
         ({"set": "route.speed='3"}, "set: No closing quotation"),
         ({"remap": "/imu:=imu/data"}, "did you mean 'imu/data_raw'"),

@@ -65,24 +65,22 @@ def graph_domain(names: Collection[str], asked: int | None = None) -> Iterator[i
         domain.
     """
     with ExitStack() as stack:
-        given = asked if asked is not None else users_domain()
-        why = None if given is None else _hold(given, names, stack)
-        if given is not None and why is None:
-            yield given
-            return
-        if asked is not None:
-            raise InputError(f"--domain {asked}: {why}; end it, or choose another domain")
-        for domain in free_domains(stack):
-            if _hold(domain, names, stack) is None:
-                if given is not None:
-                    print(
-                        f"isogal: {DOMAIN}={given}: {why}; taking domain {domain} instead",
-                        file=sys.stderr,
-                        flush=True,
-                    )
-                yield domain
+        given, why = users_domain() if asked is None else asked, None
+        if given is not None:
+            why = _hold(given, names, stack)
+            if why is None:
+                yield given
                 return
-        raise InputError(f"no free ROS domain from 1 to {_HIGHEST}; set {DOMAIN}")
+            if asked is not None:
+                raise InputError(f"--domain {asked}: {why}; end it, or choose another domain")
+        free = (one for one in free_domains(stack) if _hold(one, names, stack) is None)
+        domain = next(free, None)
+        if domain is None:
+            raise InputError(f"no free ROS domain from 1 to {_HIGHEST}; set {DOMAIN}")
+        if why is not None:
+            said = f"isogal: {DOMAIN}={given}: {why}; taking domain {domain} instead"
+            print(said, file=sys.stderr, flush=True)
+        yield domain
 
 
 def names_of(scenario: Scenario) -> list[str]:

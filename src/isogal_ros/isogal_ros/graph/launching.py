@@ -66,9 +66,7 @@ class Arguments(BaseModel):
     vehicle: Literal["simulated", "real"] = Field(
         "simulated", description="simulated, or real: without the simulator, for real sensors"
     )
-    use_sim_time: Annotated[
-        Literal["auto", "true", "false", "1", "0"], BeforeValidator(str.lower)
-    ] = Field(
+    use_sim_time: Annotated[Literal["auto", "true", "false"], BeforeValidator(str.lower)] = Field(
         "auto",
         description="whether the nodes' clocks go by /clock; auto: with a simulated vehicle. The"
         " simulator's own never does",
@@ -103,16 +101,13 @@ class Arguments(BaseModel):
     @property
     def keys(self) -> dict[str, JsonValue]:
         """Parameters of the scenario that are set one by one, values in YAML."""
-        words = _words("set", self.set)
-        what = "key of the scenario that is a parameter"
-        return given_parameters("set", "KEY=VALUE", words, parameter_specs(Scenario), what)
+        return given_parameters("set", _words("set", self.set), parameter_specs(Scenario))
 
     @property
     def sim_time(self) -> bool:
         """Whether the clocks of nodes other than the simulator go by /clock."""
-        if self.use_sim_time == "auto":
-            return self.vehicle == "simulated"
-        return self.use_sim_time in ("true", "1")
+        auto = "true" if self.vehicle == "simulated" else "false"
+        return self.use_sim_time.replace("auto", auto) == "true"
 
 
 def _words(name: str, text: str) -> list[str]:

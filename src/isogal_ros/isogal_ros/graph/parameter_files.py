@@ -128,40 +128,23 @@ def filter_parameters(texts: Sequence[str]) -> dict[str, JsonValue]:
     """
     model = node_class(topics.UKF_FUSION).settings_model
     own = [s for s in parameter_specs(model) if s.name not in NodeSettings.model_fields]
-    what = f"parameter of {topics.UKF_FUSION}"
-    found = given_parameters("--parameter", "NAME=VALUE", texts, own, what)
+    found = given_parameters("--parameter", texts, own)
     validated(model, nested(found), where="--parameter: ")
     return found
 
 
 def given_parameters(
-    option: str, form: str, texts: Sequence[str], specs: Sequence[ParameterSpec], what: str
+    option: str, texts: Sequence[str], specs: Sequence[ParameterSpec]
 ) -> dict[str, JsonValue]:
-    """Return parameters by name from texts, values in YAML.
-
-    Parameters
-    ----------
-    option : str
-        What they are given by.
-    form : str
-        ``NAME=VALUE``, for the error.
-    specs : sequence of ParameterSpec
-        Those that may be given.
-    what : str
-        What these are, for the error.
-
-    Raises
-    ------
-    InputError
-        A text has another form, or names none of them.
-    """
+    """Return parameters by name from texts ``NAME=VALUE``, values in YAML, that an option gives;
+    raises InputError where a text has another form, or names none of the parameters."""
     names, found = {spec.name: spec for spec in specs}, {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
-            raise InputError(f"{option}: must be {form}, not {text!r}")
+            raise InputError(f"{option}: must be NAME=VALUE, not {text!r}")
         if name not in names:
-            raise InputError(f"{option} {name}: no {what}{nearest(name, names)}")
+            raise InputError(f"{option} {name}: no such parameter{nearest(name, names)}")
         is_text = names[name].descriptor.type == ParameterType.PARAMETER_STRING
         content = value if is_text else parse_yaml(value, f"{option} {name}")
         found[name] = names[name].cast(content)

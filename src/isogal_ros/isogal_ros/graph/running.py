@@ -15,7 +15,6 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import Executor
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
 
 from isogal.compiled import tell_of_compiling
 from isogal.files import make_folder
@@ -290,56 +289,41 @@ def run_processes(
     return wall
 
 
-def _watch(
-    processes: Processes,
-    domain: int,
-    interrupt: Interrupt,
-    report: Report,
-) -> float:
+def _watch(processes: Processes, domain: int, interrupt: Interrupt, report: Report) -> float:
     """Watch until the simulator has ended; return the wall time from its first step on."""
-    newest: list[bytes] = []
-    name = topics.INS_SIM.encode()
+    figures: dict[str, str] = {}
 
-    def hear(data: bytes) -> None:
-        if name in data:  # decoded only where it is looked at
-            newest[:] = [data]
+    def hear(array: DiagnosticArray) -> None:
+        for item in array.status:
+            if item.name.rpartition("/")[2] == topics.INS_SIM:
+                figures.update(figures_of(item))
 
     with quiet_node("isogal_run", domain) as watcher:
         watcher.create_subscription(
-            DiagnosticArray, topics.DIAGNOSTICS.name, hear, QoSProfile(depth=10), raw=True
+            DiagnosticArray, topics.DIAGNOSTICS.name, hear, QoSProfile(depth=10)
         )
         executor = make_executor(watcher.context)
         executor.add_node(watcher)
-        figures: dict[str, str] = {}
         first, now, told = None, time.monotonic(), False
         try:
             while not interrupt:
                 executor.spin_once(timeout_sec=0.1)
                 if time.monotonic() < now + LOOK_EVERY:
                     continue
-                while newest:
-                    figures |= _simulators(newest.pop())
-                if first is None and not told and processes.compile():
-                    told = True
-                    print(f"isogal: {COMPILING}", file=sys.stderr, flush=True)
                 now, progress = time.monotonic(), progress_of(figures)
                 if progress is not None:
                     # by the simulator's own count of time, which leaves out the processes' start
                     first = first or now - progress.simulated / max(progress.speed, 1e-9)
                     report(progress)
+                elif not told and processes.compile():
+                    told = True
+                    print(f"isogal: {COMPILING}", file=sys.stderr, flush=True)
                 # where all were told to end, nodes may do so before this process
                 if not interrupt and processes.arrived():
                     break
             return now - first if first is not None else 0.0
         finally:
             executor.shutdown()
-
-
-def _simulators(data: bytes) -> dict[str, str]:
-    """Return the figures of ins_sim_node in serialised diagnostics; none where they have none."""
-    array = deserialize_message(data, DiagnosticArray)
-    found = (one for one in array.status if one.name.rpartition("/")[2] == topics.INS_SIM)
-    return {key: text for one in found for key, text in figures_of(one).items()}
 
 
 def shared_memory() -> set[str]:
