@@ -48,14 +48,14 @@ def open_bag(
     scenario : Scenario, optional
         None = the bag's own; where it has none, there is no map.
     remap, drivers : sequence of str, optional
-        How it is as the graph's own (`BagReader.foreign`).
+        How it is as the graph's own (`BagReader`).
 
     Raises
     ------
     InputError
         The bag or its map cannot be read, or it has no two positions of the navigator.
     """
-    reader = BagReader.foreign(bag, remap, drivers)
+    reader = BagReader(bag, remap or (), drivers or ())
     scenario = scenario or reader.scenario()
     collector = Collector(scenario or Scenario())
     collector.take_bag(reader)

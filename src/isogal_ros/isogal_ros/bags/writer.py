@@ -23,10 +23,11 @@ from isogal.files import make_folder, write_atomic
 from isogal.mcap_files import parts
 from isogal.scenario import Scenario
 from isogal_ros.bags.metadata import (
-    Contents,
     Entry,
     RecordedTopic,
     earlier_files,
+    file_entry,
+    information,
     qos_entries,
 )
 from isogal_ros.messages.prepared import serialised
@@ -103,7 +104,13 @@ class BagWriter:
         if not earlier:
             prepare_folder(self.folder, self.replace)
         self.path = self.folder / f"{self.folder.resolve().name}_{len(earlier)}.mcap"
-        self._contents = Contents(self.path.name, earlier=earlier_files(self.folder))
+        self._earlier = earlier_files(self.folder)
+        self._topics: dict[str, RecordedTopic] = {}
+        self._first: int | None = None
+        self._last = 0
+        """Earliest and latest log time, ns."""
+        self.messages = 0
+        """Number of messages written."""
         self._schemas: dict[str, int] = {}
         self._failed = False
         self._stream = self.path.open("wb")
@@ -113,11 +120,6 @@ class BagWriter:
         if self.texts:
             self._writer.add_metadata("isogal", self.texts)
         self._write_out()
-
-    @property
-    def messages(self) -> int:
-        """Number of messages written."""
-        return self._contents.messages
 
     def add_topic(self, topic: str, type_name: str, qos: list[JsonValue], type_hash: str) -> None:
         """Make a topic known; its first message must not come before.
@@ -139,11 +141,11 @@ class BagWriter:
             )
         details = {"offered_qos_profiles": yaml_text(qos), "topic_type_hash": type_hash}
         channel = self._writer.register_channel(topic, "cdr", self._schemas[type_name], details)
-        self._contents.topics[topic] = RecordedTopic(channel, type_name, qos, type_hash)
+        self._topics[topic] = RecordedTopic(channel, type_name, qos, type_hash)
 
     def knows(self, topic: str) -> bool:
         """Whether the topic was added."""
-        return topic in self._contents.topics
+        return topic in self._topics
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
         """Write one serialised message; raises OSError where the disk is full, after which
@@ -157,11 +159,14 @@ class BagWriter:
         log_ns, publish_ns : int
             When it was received and sent, ns.
         """
-        entry = self._contents.topics[topic]
+        entry = self._topics[topic]
         self._do(
             lambda: self._writer.add_message(entry.channel, log_ns, data, publish_ns, entry.count)
         )
-        self._contents.count(entry, log_ns)
+        entry.count += 1
+        self.messages += 1
+        self._first = log_ns if self._first is None else min(self._first, log_ns)
+        self._last = max(self._last, log_ns)
 
     def put(self, topic: Topic, message: Message, ns: int) -> None:
         """Write a message of a time (ns) on a topic of the graph, see `write`."""
@@ -183,7 +188,7 @@ class BagWriter:
             self._do(self._finish)
 
     def _finish(self) -> None:
-        text = yaml_text(self._contents.information())
+        text = yaml_text(self._information())
         self._writer.flush()
         self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
         self._writer.finish()
@@ -191,6 +196,10 @@ class BagWriter:
         os.fsync(self._stream.fileno())
         self._stream.close()
         self._write_metadata()
+
+    def _information(self) -> Entry:
+        this = file_entry(self.path.name, self._first or 0, self._last, self.messages)
+        return information([*self._earlier, this], self._topics)
 
     def _write_out(self) -> None:
         self._flushed = time.monotonic()
@@ -209,7 +218,7 @@ class BagWriter:
             raise
 
     def _write_metadata(self) -> None:
-        document: Entry = {"rosbag2_bagfile_information": self._contents.information()}
+        document: Entry = {"rosbag2_bagfile_information": self._information()}
         try:
             write_atomic(self.folder / "metadata.yaml", yaml_text(document))
         except InputError as error:
@@ -225,21 +234,14 @@ def scenario_text(scenario: Scenario) -> str:
 def prepare_folder(folder: Path, replace: bool) -> None:
     """Make the folder of a new bag; raises InputError where it holds something else, or a bag that
     must stay."""
-    if folder.exists():
-        if not folder.is_dir():
-            raise InputError(f"{folder}: is a file; a bag needs a folder")
-        entries = list(folder.iterdir())
-        others = [
-            entry.name
-            for entry in entries
-            if not (entry.name == "metadata.yaml" or entry.suffix == ".mcap")
-        ]
-        if others:
+    entries = list(folder.iterdir()) if folder.is_dir() else []
+    for entry in entries:
+        if entry.name != "metadata.yaml" and entry.suffix != ".mcap":
             raise InputError(
-                f"{folder}: holds something else than a bag ({others[0]}); give another folder"
+                f"{folder}: holds something else than a bag ({entry.name}); give another folder"
             )
-        if entries and not replace:
-            raise InputError(f"{folder}: there is a bag already; give another folder")
-        for entry in entries:
-            entry.unlink()
+    if entries and not replace:
+        raise InputError(f"{folder}: there is a bag already; give another folder")
+    for entry in entries:
+        entry.unlink()
     make_folder(folder)

@@ -28,7 +28,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Collector, gaps, record_of
 from isogal_ros.bags.writer import prepare_folder
-from isogal_ros.graph.domain import DISCOVERY, DOMAIN, users_domain
+from isogal_ros.graph.domain import users_domain
 from isogal_ros.graph.parameter_files import filter_parameters
 from isogal_ros.graph.plan import GraphError, Plan, checked
 from isogal_ros.graph.replay import Replay, replay
@@ -88,7 +88,7 @@ def run_command(
             if how.in_process:
                 wall = run_in_process(plan, interrupt, report)
             else:
-                wall = run_processes(plan, out / "log", interrupt, report, _announce)
+                wall = run_processes(plan, out / "log", interrupt, report)
     except GraphError as error:
         note(str(error))
         return FAILED
@@ -134,7 +134,7 @@ def _played(
         The bag, or what it needs, or a change, cannot be used.
     """
     of_filter = {**own, **filter_parameters(chosen.parameter or ())}
-    reader = BagReader.foreign(bag, chosen.remap, chosen.driver)
+    reader = BagReader(bag, chosen.remap or (), chosen.driver or ())
     scenario = reader.scenario() if chosen.scenario is None else load_scenario(chosen.scenario)
     if scenario is not None and chosen.set_:
         scenario = changed_scenario(scenario, chosen.set_, f"{bag}: scenario")
@@ -318,16 +318,6 @@ def _fresh_checkpoints(folder: Path) -> Path:
     for file in folder.glob("*.checkpoint"):
         file.unlink()
     return folder
-
-
-def _announce(domain: int) -> None:
-    """Say how the nodes can be watched."""
-    environment = " ".join(f"{name}={value}" for name, value in DISCOVERY.items())
-    typer.echo(
-        f"The nodes and a recorder are in ROS domain {domain}. To watch them, where ros2 is"
-        f" installed:\n  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix",
-        err=True,
-    )
 
 
 def _differences(result: Replay, tolerance: float | None, changed: bool) -> list[str]:

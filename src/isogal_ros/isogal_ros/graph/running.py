@@ -22,7 +22,7 @@ from isogal.threads import one_thread
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.bus import Bus
-from isogal_ros.graph.domain import DOMAIN, defaults, graph_domain, names_of, quiet_node
+from isogal_ros.graph.domain import DISCOVERY, DOMAIN, defaults, graph_domain, names_of, quiet_node
 from isogal_ros.graph.forkserver import start_node
 from isogal_ros.graph.plan import CLASSES, GraphError, Plan
 from isogal_ros.nodes.base import GraphNode
@@ -250,10 +250,9 @@ def run_processes(
     folder: Path,
     interrupt: Interrupt,
     report: Report = lambda _: None,
-    announce: Callable[[int], None] | None = None,
 ) -> float:
-    """Run the graph as processes until the route's end, or until interrupted; return the wall time
-    (s) from the first step to the last.
+    """Run the graph as processes until the route's end, or until interrupted, and say in which
+    domain; return the wall time (s) from the first step to the last.
 
     Parameters
     ----------
@@ -263,8 +262,6 @@ def run_processes(
     interrupt : Interrupt
     report : callable
         Takes the progress.
-    announce : callable, optional
-        Called with the domain before the processes start.
 
     Raises
     ------
@@ -275,8 +272,13 @@ def run_processes(
     """
     before = shared_memory()
     with graph_domain(names_of(plan.scenario), plan.domain) as domain:
-        if announce is not None:
-            announce(domain)
+        environment = " ".join(f"{name}={value}" for name, value in DISCOVERY.items())
+        print(
+            f"The nodes are in ROS domain {domain}. To watch them, where ros2 is installed:\n"
+            f"  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix",
+            file=sys.stderr,
+            flush=True,
+        )
         processes = Processes(plan, folder, domain)
         try:
             wall = _watch(processes, domain, interrupt, report)

@@ -1,7 +1,6 @@
 """A recorded voyage, smoothed: its sensor messages are played to fresh nodes as by a replay, whose
 filter keeps its whole history."""
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +35,6 @@ from isogal_ros.messages.stamps import among, to_seconds
 WHOLE = {"horizon": 1e8}
 """Parameters of a filter whose history goes back three years, s."""
 Figures = dict[str, dict[str, float | None]]
-OF = "smoothed", "at_the_time"
 
 
 @dataclass(frozen=True)
@@ -111,16 +109,19 @@ def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collect
     if not known.any():
         return {}
     then = navigator.track(track.time)
-    place = np.array([state.position[:2] for state in track.states])
-    covariance = np.array([state.covariance[:2, :2] for state in track.states])
-    rms: dict[str, float | None] = {}
-    nees: dict[str, float | None] = {}
-    of_then = then[:, [10, 11, 11, 12]].reshape(-1, 2, 2)
-    for name, where, P in zip(OF, (place, then[:, :2]), (covariance, of_then), strict=True):
+    each = {
+        "smoothed": (
+            np.array([state.position[:2] for state in track.states]),
+            np.array([state.covariance[:2, :2] for state in track.states]),
+        ),
+        "at_the_time": (then[:, :2], then[:, [10, 11, 11, 12]].reshape(-1, 2, 2)),
+    }
+    found: Figures = {"position_error_rms": {}, "nees_per_axis": {}}
+    for name, (where, covariance) in each.items():
         error = np.asarray(horizontal_difference(*where[known].T, *true[known].T))
-        rms[name] = float(np.sqrt((error**2).sum(axis=-1).mean()))
-        nees[name] = float(np.mean(nees_per_axis(error, P[known])))
-    return {"position_error_rms": rms, "nees_per_axis": nees}
+        found["position_error_rms"][name] = float(np.sqrt((error**2).sum(axis=-1).mean()))
+        found["nees_per_axis"][name] = float(np.mean(nees_per_axis(error, covariance[known])))
+    return found
 
 
 def _stamps(track: SmoothedTrack, outputs: Collector) -> list[int]:
@@ -154,11 +155,9 @@ def write_bag(found: SmoothedBag, played: Replay, folder: Path) -> None:
 def thinned(track: SmoothedTrack, interval: float) -> SmoothedTrack:
     """Return the states that are at least so many seconds apart, the first and the last among
     them."""
-    kept: list[int] = []
-    times: Sequence[float] = track.time.tolist()
-    for k, time in enumerate(times):
-        if not kept or time - times[kept[-1]] >= interval - 1e-6:
+    kept = [0]
+    for k, time in enumerate(track.time.tolist()):
+        if time - track.time[kept[-1]] >= interval - 1e-6:
             kept.append(k)
-    if kept[-1] != len(times) - 1:
-        kept.append(len(times) - 1)
+    kept = sorted({*kept, len(track.time) - 1})
     return SmoothedTrack(track.time[kept], [track.states[k] for k in kept])
