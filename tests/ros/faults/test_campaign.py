@@ -14,20 +14,21 @@ from isogal_ros.faults import campaign
 from isogal_ros.faults.campaign import (
     OUTCOMES,
     PAGE,
-    Feed,
     Outcome,
     page_of,
     run_campaign,
     run_trial,
+    simulated,
     table_of,
 )
 from isogal_ros.faults.catalogue import FAULTS, QUICK, Fault
+from isogal_ros.graph.player import Recorded
 from isogal_ros.nodes.signals import Interrupt
 
 
 @pytest.fixture(scope="module")
-def feed(scenario) -> Feed:
-    return Feed(scenario("route.duration=400.0", "matcher.name=pmht"), 0)
+def feed(scenario) -> Recorded:
+    return simulated(scenario("route.duration=400.0", "matcher.name=pmht"), 0)
 
 
 def test_the_quick_set_does_no_harm_and_is_not_run_again(feed, tmp_path, monkeypatch) -> None:
@@ -76,7 +77,7 @@ def test_an_interrupt_ends_it_and_keeps_what_has_been_run(feed, monkeypatch, tmp
     """While it simulates nothing."""
     interrupt, done = Interrupt(), []
 
-    def play(feed: Feed, fault: Fault):
+    def play(_feed: Recorded, fault: Fault):
         done.append(fault)
         if len(done) == 2:
             interrupt(signal.SIGINT)
@@ -84,7 +85,7 @@ def test_an_interrupt_ends_it_and_keeps_what_has_been_run(feed, monkeypatch, tmp
 
     monkeypatch.setattr(campaign, "run_trial", play)
     with monkeypatch.context() as patch:
-        patch.setattr(campaign, "Feed", lambda *_: feed)
+        patch.setattr(campaign, "simulated", lambda *_: feed)
         assert run_campaign(feed.scenario, tmp_path, 1, True, interrupt)["trials"] == 1
     assert len(done) == 2
     interrupt = Interrupt()

@@ -21,6 +21,7 @@ from isogal_ros.mavlink.decoding import SenderClock
 from isogal_ros.mavlink.encoding import GPS_INPUT, SENSOR, VISION
 from isogal_ros.mavlink.node import MAVLINK
 from isogal_ros.messages.aids import read_position_fix, read_velocity
+from isogal_ros.messages.checks import BadMessageError
 from isogal_ros.messages.fix_information import FixMessage, fill_fix_information
 from isogal_ros.messages.frames import BASE, NED_ENU, framed, map_frame
 from isogal_ros.messages.imu import read_imu
@@ -308,13 +309,6 @@ def test_of_two_sensors_that_send_the_same_one_is_used(scenario) -> None:
         assert len(autopilot.heard(topics.IMU)) == 2
 
 
-def test_a_time_that_no_stamp_can_hold_is_refused(scenario) -> None:
-    with autopilot_of(scenario) as autopilot:
-        autopilot.send(highres_imu(2**64 - 1, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0)))
-        assert not autopilot.heard(topics.IMU)
-        autopilot.bench.told("no such time: 18446744073709 s")
-
-
 def test_it_says_what_does_not_come_until_it_does(scenario) -> None:
     """Nothing, another system, another message; and then what is wanted."""
     sample = highres_imu(1, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0))
@@ -335,7 +329,6 @@ def test_it_says_what_does_not_come_until_it_does(scenario) -> None:
             assert words is None or words in text
 
 
-@pytest.mark.parametrize("message", [GPS_INPUT, VISION, SENSOR])
 @pytest.mark.parametrize(
     ("field", "value"),
     [
@@ -344,11 +337,11 @@ def test_it_says_what_does_not_come_until_it_does(scenario) -> None:
         ("pose__covariance", np.full(36, math.nan)),
     ],
 )
-def test_a_state_that_is_not_finite_is_not_sent(received, scenario, message, field, value):
-    with node(received, scenario(), message) as made:
+def test_a_state_that_is_not_finite_is_not_sent(received, scenario, field, value):
+    with node(received, scenario(), VISION) as made:
         odometry = nav_messages(made.scenario, from_seconds(1.0), *PLACE)[-1][1]
         made.publish(topics.NAV_ODOM, changed(odometry, **{field: value}))
-        assert not received(message)
+        assert not received(VISION)
         assert made.node.health.dropped == {"nav/odom": 1}
 
 
@@ -395,3 +388,5 @@ def test_times_since_1970_and_since_the_start() -> None:
     assert clock.stamp(6 * 10**9, now + 2 * 10**9) == now + 10**9  # late on its way
     assert clock.stamp(5_500_000_000, now + 3 * 10**9) == now + 500_000_000  # out of order
     assert clock.stamp(10**8, now + 60 * 10**9) == now + 60 * 10**9  # started anew
+    with pytest.raises(BadMessageError, match="no such time: 18446744073709 s"):
+        clock.stamp((2**64 - 1) * 1000, now)

@@ -242,14 +242,12 @@ def gaps(collector: Collector) -> list[list[float]]:
     return [[to_seconds(stamps[i]), to_seconds(stamps[i + 1])] for i in missing.tolist()]
 
 
-def record_of(
-    collector: Collector, field_map: RunMap, without_readings: bool = False
-) -> Runs | None:
+def record_of(collector: Collector, field_map: RunMap) -> Runs | None:
     """Return the record of the run; None where truth or navigation is missing, or no scan is
-    covered by both. Without readings, where that is allowed, each state stands for a scan."""
+    covered by both. Without any readings each state stands for a scan."""
     truth, last_nav = Places(collector.truth), Places(collector.last_nav)
     first_nav, unaided = Places(collector.first_nav), Places(collector.unaided)
-    scans = _known(_scans(collector, without_readings), truth, last_nav)
+    scans = _known(_scans(collector), truth, last_nav)
     if not scans:
         return None
     start = next(ns for ns in sorted({*collector.last_nav, scans[0]}) if ns in truth)
@@ -299,12 +297,10 @@ def _known(stamps: Iterable[int], *each: Places) -> list[int]:
     return sorted(ns for ns in stamps if all(ns in places for places in each))
 
 
-def _scans(collector: Collector, without_readings: bool) -> Iterable[int]:
+def _scans(collector: Collector) -> Iterable[int]:
     """Return the stamps of scans; those of several fields have one schedule."""
-    if without_readings and not collector.readings:
-        return collector.last_nav
-    if not collector.others:
-        return collector.readings
+    if not (collector.readings and collector.others):
+        return collector.readings or collector.last_nav
     interval = from_seconds(collector.scenario.scan_interval)
     return (ns for ns in collector.truth if ns > 0 and ns % interval == 0)
 

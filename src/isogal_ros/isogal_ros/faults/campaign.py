@@ -11,7 +11,7 @@ import traceback
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Collector
 from isogal_ros.faults.catalogue import FAULTS, QUICK, Fault, Moment, topics_of
 from isogal_ros.graph.plan import Plan
-from isogal_ros.graph.player import TICK, Player, load
+from isogal_ros.graph.player import TICK, Player, Recorded, load
 from isogal_ros.graph.running import run_in_process
 from isogal_ros.messages.position import read_position
 from isogal_ros.messages.stamps import to_seconds
@@ -120,16 +120,8 @@ def track_of(collector: Collector) -> Track:
     return Track(*rows.T)
 
 
-class Feed:
-    """A run without fault, which is simulated: what its sensors measured, and what was answered.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    run : int
-        Index of the run.
-    interrupt : Interrupt, optional
-        Ends the simulation early.
+def simulated(scenario: Scenario, run: int, interrupt: Interrupt | None = None) -> Recorded:
+    """Simulate a run without fault, and return what its sensors measured and what was answered.
 
     Raises
     ------
@@ -140,23 +132,18 @@ class Feed:
     KeyboardInterrupt
         The simulation was interrupted.
     """
+    interrupt = Interrupt() if interrupt is None else interrupt
+    with tempfile.TemporaryDirectory() as folder:
+        bag = Path(folder) / "bag"
+        run_in_process(Plan(scenario, bag, run=run), interrupt)
+        if interrupt:
+            raise KeyboardInterrupt
+        return load(BagReader(bag), scenario, changed=True)
 
-    def __init__(self, scenario: Scenario, run: int, interrupt: Interrupt | None = None) -> None:
-        self.scenario, self.run = scenario, run
-        interrupt = Interrupt() if interrupt is None else interrupt
-        with tempfile.TemporaryDirectory() as folder:
-            bag = Path(folder) / "bag"
-            run_in_process(Plan(scenario, bag, run=run), interrupt)
-            if interrupt:
-                raise KeyboardInterrupt
-            self.recorded = load(BagReader(bag), scenario, changed=True)
-        self.collector = self.recorded.collector
-        self.track = track_of(self.collector)
 
-    def player(self, **own: JsonValue) -> Player:
-        """Return fresh nodes, with own parameters, that the run is played to."""
-        own = {"diagnostics_period": 2.0 * TICK, **own}
-        return Player(replace(self.recorded, scenario=self.scenario), own, {})
+def player_of(recorded: Recorded, **own: JsonValue) -> Player:
+    """Return fresh nodes, with own parameters, that a run is played to."""
+    return Player(recorded, {"diagnostics_period": 2.0 * TICK, **own}, {})
 
 
 def _hang(*_: object) -> None:
@@ -164,11 +151,12 @@ def _hang(*_: object) -> None:
     raise SystemExit(f"nothing came within {LIMIT:g} s")
 
 
-def run_trial(feed: Feed, fault: Fault) -> Outcome:
+def run_trial(recorded: Recorded, fault: Fault) -> Outcome:
     """Play a run with a fault, which begins at a time drawn from seed, run and its name, and
     return what became of it."""
-    rng = generator(feed.scenario.seed, feed.run, f"fault: {fault.name}")
-    duration = feed.track.time[-1]
+    rng = generator(recorded.scenario.seed, recorded.run, f"fault: {fault.name}")
+    usual, without = recorded.collector, track_of(recorded.collector)
+    duration = without.time[-1]
     begin = float(np.floor(rng.uniform(0.25, 0.45) * duration))
     over = begin + fault.lasts + 1.0
     after = over + RECOVERY * duration
@@ -176,7 +164,8 @@ def run_trial(feed: Feed, fault: Fault) -> Outcome:
     errors: list[str] = []
     with tempfile.TemporaryDirectory(prefix="isogal-faults-") as folder:
         # checkpoints take time, and only nodes that are killed need them
-        player = feed.player(**({"checkpoint": folder} if isinstance(fault.effect, str) else {}))
+        own = {"checkpoint": folder} if isinstance(fault.effect, str) else {}
+        player = player_of(recorded, **own)
         with player.bus:
             player.play(begin - 1e-9)
             known = len(player.reports)
@@ -189,21 +178,21 @@ def run_trial(feed: Feed, fault: Fault) -> Outcome:
             finally:
                 signal.setitimer(signal.ITIMER_REAL, 0.0)
     track, found = track_of(player.collector), player.collector
-    usual = {without_numbers(f"{one.source}: {one.text}") for one in feed.collector.said}
-    new = (one for one in player.reports[known:] if without_numbers(one[1]) not in usual)
+    said = {without_numbers(f"{one.source}: {one.text}") for one in usual.said}
+    new = (one for one in player.reports[known:] if without_numbers(one[1]) not in said)
     first, text = next(new, (math.nan, None))
     errors += [without_numbers(one) for one in player.bus.errors if UNEXPECTED.search(one)]
-    lost = [getattr(feed.collector, one).keys() - getattr(found, one).keys() for one in STORES]
+    lost = [getattr(usual, one).keys() - getattr(found, one).keys() for one in STORES]
     return Outcome(
         fault.name,
-        feed.run,
+        recorded.run,
         list(dict.fromkeys(errors)),
         int(np.isnan(track.error).sum()),
         first if math.isnan(first) else max(first - begin, 0.0),
         text,
         float(track.during(begin - 1e-9, over).max(initial=0.0)),
         _rms(track.during(after, until)),
-        _rms(feed.track.during(after, until)),
+        _rms(without.during(after, until)),
         sum(to_seconds(ns) <= until for stamps in lost for ns in stamps),
     )
 
@@ -281,10 +270,10 @@ def run_campaign(
             due = [one for one in faults if (one.name, trial) not in done]
             if not due or interrupt:
                 continue
-            feed = Feed(scenario, trial, interrupt)
+            recorded = simulated(scenario, trial, interrupt)
             interrupt.ends_at_once = True
             for fault in due:
-                found = done[fault.name, trial] = run_trial(feed, fault)
+                found = done[fault.name, trial] = run_trial(recorded, fault)
                 with (out / OUTCOMES).open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(plain(asdict(found))) + "\n")
                 after, error = found.reported_after, found.error_after

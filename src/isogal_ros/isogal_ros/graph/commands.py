@@ -299,7 +299,7 @@ def _evaluate(
     from isogal.evaluation.summary import summarise
 
     runs, scenario = record_of(collector, field_map), collector.scenario
-    if runs is None:
+    if runs is None or not collector.readings:
         return None
     bound = posterior_cramer_rao(scenario.true, trajectory, field_map)
     rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])

@@ -36,8 +36,6 @@ PATIENCE = 15.0
 """s that a process gets to end after SIGINT, then after SIGTERM, before it is killed."""
 RESPAWN_DELAY = 1.0
 """s after which a node that was killed is started again."""
-MOST_RESTARTS = 100
-"""Of one node in one run."""
 LOG_LINES = 5
 """Last lines of a node's output that its end is described with."""
 SETTLED = 1.0
@@ -155,8 +153,8 @@ class Processes:
     """
 
     def __init__(self, plan: Plan, folder: Path, domain: int, namespace: str = "") -> None:
-        self._folder, self._respawns = folder, plan.checkpoint is not None
-        self._namespace = namespace
+        self._folder, self._namespace = folder, namespace
+        self._respawns = plan.checkpoint is not None
         make_folder(folder)
         own = {name: plan.own(name) for name in plan.names}
         text = parameter_file(plan.scenario, own)
@@ -164,16 +162,11 @@ class Processes:
         self._environment = os.environ | {DOMAIN: str(domain)}
         self._environment |= defaults(self._environment)
         one_thread(self._environment)
-        self._again: dict[str, float] = {}
-        """When (s of wall time) a node that was killed is started again."""
-        self.restarts: dict[str, int] = {}
-        """How often each node was started again."""
+        for name in plan.names:
+            self._log(name).write_bytes(b"")  # in place of an earlier run's
         self.running = {name: self._start(name) for name in plan.names}
 
     def _start(self, name: str) -> BaseProcess:
-        log = self._log(name)
-        if name not in self.restarts:
-            log.write_bytes(b"")  # in place of an earlier run's
         arguments = ["--ros-args", "--remap", f"__node:={name}"]
         arguments += ["--params-file", str(self._folder / "params.yaml")]
         if self._namespace:
@@ -181,7 +174,7 @@ class Processes:
         # without log files of its own: what a node logs is in its output
         arguments += ["--disable-external-lib-logs"]
         module, _ = CLASSES[topics.kind_of(name)]
-        return start_node(name, module, arguments, self._environment, log)
+        return start_node(name, module, arguments, self._environment, self._log(name))
 
     def _log(self, name: str) -> Path:
         return self._folder / f"{name}.log"
@@ -203,14 +196,10 @@ class Processes:
             if name == topics.INS_SIM and code == 0:
                 return True
             # one that says that it failed would fail again
-            restarts = self.restarts.get(name, 0)
-            if not self._respawns or code >= 0 or restarts >= MOST_RESTARTS:
+            if not self._respawns or code >= 0:
                 raise GraphError(self.describe(name, code))
-            now = time.monotonic()
-            if now >= self._again.setdefault(name, now + RESPAWN_DELAY):
-                del self._again[name]
-                self.restarts[name] = restarts + 1
-                self.running[name] = self._start(name)
+            time.sleep(RESPAWN_DELAY)
+            self.running[name] = self._start(name)
         return False
 
     def describe(self, name: str, code: int) -> str:
