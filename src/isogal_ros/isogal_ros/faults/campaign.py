@@ -138,7 +138,7 @@ def simulated(scenario: Scenario, run: int, interrupt: Interrupt | None = None) 
         run_in_process(Plan(scenario, bag, run=run), interrupt)
         if interrupt:
             raise KeyboardInterrupt
-        return load(BagReader(bag), scenario, changed=True)
+        return load(BagReader(bag), scenario)
 
 
 def player_of(recorded: Recorded, **own: JsonValue) -> Player:

@@ -1,17 +1,16 @@
 """What a replay needs of a bag, and fresh nodes that it is played to, past the middleware, step by
 step: every sample and reading is dealt with before the next.
 
-Readings are taken as they were reduced when they were recorded, or the instrument's own are
-reduced anew. Sensed gravity is reduced with the navigator's velocity, and what is matched is taken
-for reduced with that of the navigator that matches (docs/mathematics.md, section 2.6). A navigator
-that does otherwise than the recorded one did needs readings of its own."""
+The instruments' own readings are reduced anew: sensed gravity is reduced with the navigator's
+velocity, and what is matched is taken for reduced with that of the navigator that matches
+(docs/mathematics.md, section 2.6). Where a bag has not all of them, readings are taken as they
+were reduced when they were recorded."""
 
 import math
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 from pydantic import JsonValue
 
@@ -67,8 +66,6 @@ class Recorded:
     """Whether these are those of the instruments, which are reduced anew."""
     start: Start | None = None
     """Where the recorded navigator started; None = the bag does not say it."""
-    reduced_by_another: bool = False
-    """Whether sensed gravity is fed that a navigator has reduced which may have done otherwise."""
 
     @property
     def first(self) -> float:
@@ -96,19 +93,9 @@ class Recorded:
         return sorted(found, key=lambda one: one[0])
 
 
-def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Recorded:
-    """Read a bag.
-
-    Parameters
-    ----------
-    changed : bool
-        Whether the nodes do otherwise than the recorded ones, whatever the scenario says.
-
-    Raises
-    ------
-    InputError
-        A topic that is needed is missing.
-    """
+def load(reader: BagReader, scenario: Scenario) -> Recorded:
+    """Read a bag; raises InputError where a topic is missing that is needed, or the scenario
+    reduces readings as the bag does not allow."""
     scenario = mounted(scenario, reader.entrance.drivers)
     collector = Collector(scenario)
     each = [adapter_of(one) for one in scenario.each_field]
@@ -128,22 +115,16 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
                 odometry[peek_ns(data)] = data
         else:
             collector.take(topic, data)
-    whole = all(sensors[one.raw] for one in each)
-    recorded = reader.scenario()
-    _check_reduction(reader.path, recorded, scenario, whole)
-    first = min(sensors[inertial[-1]], default=0)
-    differs = changed or recorded != scenario or to_seconds(first) > LATE
-    reduced = (collector.readings, *collector.others)
-    differs |= not all(reduced)  # of an instrument alone, without a navigator
-    reduces = differs and whole
+    reduces = all(sensors[one.raw] for one in each)
+    _check_reduction(reader, scenario, reduces)
     if not reduces:
         for topic in raw:
             del sensors[topic]
-        sensors |= {one.reduced: store for one, store in zip(each, reduced, strict=True)}
+        stores = (collector.readings, *collector.others)
+        sensors |= {one.reduced: store for one, store in zip(each, stores, strict=True)}
     needed = (*inertial, *(one.raw if reduces else one.reduced for one in each))
     needed += tuple(one[0] for one in either if not any(sensors[topic] for topic in one))
     _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
-    sensed = any(one.raw is topics.GRAVIMETRY for one in each)
     return Recorded(
         scenario,
         int(reader.texts.get("run", 0)),
@@ -151,8 +132,7 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         sensors,
         tuple(topic for topic in sensors if topic not in (*aids, *inertial)),
         reduces,
-        _start(scenario, collector.first_nav, odometry, first),
-        reduced_by_another=differs and sensed and not reduces,
+        _start(scenario, collector.first_nav, odometry, min(sensors[inertial[-1]])),
     )
 
 
@@ -168,19 +148,10 @@ def _check_there(reader: BagReader, missing: list[str]) -> None:
         )
 
 
-def _check_reduction(path: Path, recorded: Scenario | None, now: Scenario, raw: bool) -> None:
-    """Look whether a scenario reduces readings otherwise than the recorded one did, and can.
-
-    Parameters
-    ----------
-    raw : bool
-        Whether the bag has the instrument's own readings, and nothing else is needed.
-
-    Raises
-    ------
-    InputError
-        It does, and cannot with this bag.
-    """
+def _check_reduction(reader: BagReader, now: Scenario, raw: bool) -> None:
+    """Raise InputError where a scenario reduces readings otherwise than the recorded one did, and
+    the bag does not allow it; `raw`: it has all that the instruments measured."""
+    recorded, path = reader.scenario(), reader.path
     before, after = _keys_of(recorded or now), _keys_of(now)
     changed = [key for key in after if key not in before or after[key] != before[key]]
     if changed and not raw:

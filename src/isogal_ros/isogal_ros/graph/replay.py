@@ -83,8 +83,7 @@ def replay(
     Parameters
     ----------
     scenario : Scenario, optional
-        None = the bag's own. With another one the instrument's own readings are reduced anew
-        where the bag has them.
+        None = the bag's own.
     parameters : mapping, optional
         Own parameters of the filter's node by name (`isogal_ros.graph.parameter_files`).
 
@@ -99,9 +98,7 @@ def replay(
             f"{reader.path}: the bag has no scenario (another tool has written it?); say with"
             " --scenario which one was run"
         )
-    # how long the filter keeps its history changes no state
-    changed = (parameters or {}).keys() - {"horizon"}
-    recorded = load(reader, scenario, changed=bool(changed))
+    recorded = load(reader, scenario)
     begun = time.monotonic()
     # a simulated run that is recorded from its start on begins as the scenario says
     whole = bool(recorded.collector.truth) and recorded.first <= LATE
@@ -112,8 +109,7 @@ def replay(
         answered = _play(player, interrupt, report)
         failures = [] if interrupt else _shortcomings(player, answered)
         fusion = player.filter
-    # else those that the fresh nodes have reduced are the only ones
-    if recorded.collector.readings:
+    if not recorded.reduces:
         outputs.readings, outputs.others = recorded.collector.readings, recorded.collector.others
     return Replay(
         scenario,
@@ -156,7 +152,7 @@ def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
             else "where the recorded navigator was"
         )
         notes.append(f"the bag begins at {recorded.first:.0f} s: the filter starts there {how}")
-    if recorded.reduced_by_another:
+    if {topics.GRAVITY, topics.DISTURBANCE} & {*recorded.readings}:
         notes.append(
             "the gravimeter's own readings are not all in the bag: those that are fed were reduced"
             " with the recorded navigator's velocity, and are wrong by the Eötvös effect of what"
