@@ -71,7 +71,7 @@ def test_every_node_is_started_with_parameters_it_knows(launch) -> None:
         ({"rate": "abc"}, "rate: must be a number, not 'abc'"),
         ({"params": "/no/such/file.yaml"}, "params: /no/such/file.yaml: cannot be read"),
         ({"params": "LIST"}, "must map names of nodes"),
-        ({"bag": "EXISTS"}, "there is something already"),
+        ({"bag": "EXISTS"}, "EXISTS'"),
         ({"bag": ""}, "bag: must name a new folder, not ''"),
         ({"bag": "/proc/x"}, "bag: /proc/x: cannot be written: /proc: "),
         ({"checkpoint": "/proc/x"}, "checkpoint: /proc/x: cannot be written: /proc: "),

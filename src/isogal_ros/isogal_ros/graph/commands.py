@@ -20,7 +20,6 @@ from isogal.evaluation.run_report import key_figures, run_report
 from isogal.fields.derived_maps import shared_maps
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
-from isogal.fusion.smoothed_track import write_smoothed
 from isogal.maps.several import RunMap, first_map
 from isogal.scenario import Scenario, changed_scenario, load_scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -33,7 +32,7 @@ from isogal_ros.graph.parameter_files import filter_parameters
 from isogal_ros.graph.plan import GraphError, Plan, checked
 from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.graph.running import run_in_process, run_processes
-from isogal_ros.graph.smoothing import WHOLE, keep_recording, smoothed_bag, thinned, write_bag
+from isogal_ros.graph.smoothing import WHOLE, keep_recording, smoothed_files
 from isogal_ros.graph.watching import Watch, watching
 from isogal_ros.nodes.signals import interrupts
 
@@ -214,22 +213,15 @@ def smooth_command(
     if played.interrupted:
         note(f"interrupted; nothing is written of {bag}")
         return INTERRUPTED
-    found = smoothed_bag(reader, played)
-    track = thinned(found.track, interval)
-    paths = [str(path) for path in write_smoothed(track, out)]
-    write_bag(found, played, out / "bag")
-    files = [*paths, str(out / "bag")]
-    result = {"states": len(found.track.time), **found.figures, "files": files}
+    states, figures, paths = smoothed_files(reader, played, out, interval)
+    files = [str(path) for path in paths]
     for line in [*played.notes, *played.failures]:
         note(f"{bag}: {line}")
     if json:
-        print_json(result)
+        print_json({"states": states, **figures, "files": files})
     else:
         names = {"position_error_rms": "RMS position error (m)", "nees_per_axis": "NEES per axis"}
-        rows = [
-            (names[name], *(number(value) for value in values.values()))
-            for name, values in found.figures.items()
-        ]
+        rows = [(names[name], *map(number, of.values())) for name, of in figures.items()]
         if rows:
             print_table(("", "smoothed", "at the time"), rows)
         typer.echo("\n".join(files))

@@ -11,7 +11,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,14 +23,7 @@ from isogal.scenario import Scenario, validated
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.bags.remapping import Remapping
-from isogal_ros.graph.parameter_files import (
-    check_node,
-    full_name,
-    given_parameters,
-    read_parameters,
-    scenario_of,
-    unmatched_sections,
-)
+from isogal_ros.graph.parameter_files import ParameterFile, given_parameters
 from isogal_ros.graph.plan import CLASSES, Plan, checked, node_class
 from isogal_ros.nodes.signals import INTERRUPTED
 from isogal_ros.parameters.from_model import parameter_specs
@@ -201,12 +194,8 @@ def check(values: Mapping[str, str], words: Sequence[str], file: str) -> Launche
     arguments = validated(Arguments, {**values, **others}, where=f"{file}: ")
     keys, _ = arguments.keys, arguments.remappings
     if arguments.recorder:
-        if not arguments.bag:
-            raise InputError("bag: must name a new folder, not ''")
-        if Path(arguments.bag).exists():
-            raise InputError(
-                f"bag: {arguments.bag!r}: there is something already; give a new folder"
-            )
+        if not arguments.bag or Path(arguments.bag).exists():
+            raise InputError(f"bag: must name a new folder, not {arguments.bag!r}")
         check_output(arguments.bag, folder=True, where="bag: ")
     if arguments.checkpoint:
         check_output(arguments.checkpoint, folder=True, where="checkpoint: ")
@@ -232,21 +221,21 @@ def _check_params(arguments: Arguments, keys: Mapping[str, JsonValue]) -> Scenar
     """Return the scenario of the parameter file with some keys changed; raises InputError unless
     all nodes can use both."""
     where, real = f"params: {arguments.params}", arguments.vehicle == "real"
-    document = read_parameters(arguments.params, where)
-    of_all = {"/**": document.get("/**", {})}
-    scenario = scenario_of(of_all, "", where)
+    file = ParameterFile.read(arguments.params, where)
+    scenario = file.of_all.scenario("")
     if keys:
-        scenario = scenario_of(of_all, "", "set", keys)
+        scenario = replace(file.of_all, where="set").scenario("", keys)
     scenarios: list[Scenario] = []
     names = Plan(scenario, Path() if arguments.recorder else None, real=real).names
+    space = f"/{arguments.namespace.strip('/')}/".replace("//", "/")
     for name in names:
-        full = full_name(arguments.namespace, name)
-        check_node(document, name, full, where)
-        own = scenario_of(document, full, f"{where}: {name}", keys)
+        of_node = replace(file, where=f"{where}: {name}")
+        of_node.check_node(name, space + name)
+        own = of_node.scenario(space + name, keys)
         if own not in scenarios:
             scenarios.append(own)
     # which may be another node's of the user, thus no error
-    for line in unmatched_sections(document, {*names, *CLASSES}, arguments.namespace):
+    for line in file.unmatched([space + name for name in {*names, *CLASSES}]):
         print(f"isogal: {where}: {line}", file=sys.stderr, flush=True)
     for one in scenarios:
         checked(one, simulated=not real)

@@ -16,7 +16,7 @@ from isogal.cli.errors import clean_errors
 from isogal.scenario import Scenario
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.bus import Bus, services
-from isogal_ros.graph.parameter_files import read_parameters, scenario_of, values_of
+from isogal_ros.graph.parameter_files import ParameterFile
 from isogal_ros.graph.plan import Plan, nodes_of
 
 ENCLAVES = "/isogal"
@@ -69,12 +69,12 @@ def policy(scenario: Scenario, transformed: Collection[str] = ()) -> ET.ElementT
 
 def policy_of(path: str) -> ET.ElementTree:
     """Return the policy of a parameter file of all nodes; raises InputError."""
-    document = read_parameters(path, path)
-    scenario = scenario_of({"/**": document.get("/**", {})}, "", path)
+    file = ParameterFile.read(path, path)
+    scenario = file.of_all.scenario("")
     asked = {
         name
         for name in (RECORDER, *nodes_of(scenario))
-        for key, value in values_of(document, f"/{name}").items()
+        for key, value in file.values(f"/{name}").items()
         if key.startswith("drivers.") and key.endswith(".from_tf") and value is True
     }
     return policy(scenario, asked)
