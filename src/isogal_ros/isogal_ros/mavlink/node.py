@@ -4,7 +4,7 @@ datagrams."""
 import socket
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from diagnostic_msgs.msg import DiagnosticArray
 from pydantic import Field
@@ -17,7 +17,6 @@ from isogal_ros import topics
 from isogal_ros.mavlink.decoding import PATIENCE, ROWS, Receiver
 from isogal_ros.mavlink.encoding import (
     GPS_INPUT,
-    SENT,
     VISION,
     global_position_sensor,
     gps_input,
@@ -37,41 +36,6 @@ LIKELY = 0.5
 """Probability from which on the navigator is taken to be somewhere else."""
 
 
-class Silence:
-    """Follows what the matcher says of each batch, and the navigator's answers."""
-
-    def __init__(self) -> None:
-        self._lost = self._found = self._elsewhere = self._aligned = False
-        self._fixed: int | None = None
-        self.resets = 0
-        """How often the position has jumped to another place."""
-
-    @property
-    def why(self) -> str | None:
-        """Why nothing may be sent; None = it may."""
-        if self._lost or self._elsewhere:
-            return "the navigator has diverged"
-        return None if self._aligned else "the navigator is not aligned"
-
-    def batch(self, lost: bool, published: bool) -> None:
-        """Take what a batch says: that the navigator was lost, and that there is a fix."""
-        self._lost = self._lost or lost
-        self._found = self._lost and published
-
-    def probability(self, elsewhere: float) -> None:
-        """Take how probable it is that the navigator is at another place."""
-        self._elsewhere = elsewhere > LIKELY
-
-    def fix(self, ns: int, aligned: bool) -> None:
-        """Take the stamp of a message on nav/fix, the second of which is after a fix, and whether
-        it says that the navigator is aligned."""
-        self._aligned = aligned
-        if ns == self._fixed and self._found:
-            self._lost = self._found = False
-            self.resets += 1
-        self._fixed = ns
-
-
 class MavlinkSettings(NodeSettings):
     """Own parameters of isogal_mavlink."""
 
@@ -79,8 +43,8 @@ class MavlinkSettings(NodeSettings):
         "127.0.0.1:14550",
         description="host:port that takes MAVLink 2 by UDP, a router or autopilot",
     )
-    message: str = Field(
-        GPS_INPUT, description=f"what is sent: {', '.join(SENT)}; empty = nothing but heartbeats"
+    message: Literal["", "GPS_INPUT", "VISION_POSITION_ESTIMATE", "GLOBAL_POSITION_SENSOR"] = (
+        Field("GPS_INPUT", description="what is sent; empty = nothing but heartbeats")
     )
     receive: str = Field(
         "",
@@ -119,10 +83,6 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
     def setup(self) -> None:
         """Open the socket and make subscriptions."""
         self._dialect = _dialect()
-        if self.settings.message not in ("", *SENT):
-            raise InputError(
-                f"message: must be {', '.join(SENT)} or empty, not {self.settings.message!r}"
-            )
         self._host = _host_and_port("address", self.settings.address)
         self._to: tuple[str, int] | None = None
         """Address of the host; None = not known yet."""
@@ -134,7 +94,12 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         self._mavlink = self._dialect.MAVLink(
             None, self.settings.system_id, self.settings.component_id
         )
-        self._silence, self._frame = Silence(), map_frame(self.scenario)
+        self._frame = map_frame(self.scenario)
+        self._lost = self._found = self._elsewhere = self._aligned = False
+        """Whether the navigator was lost, there has been a fix since, it is probably at another
+        place, and it is aligned."""
+        self._fixed, self._resets = -1, 0
+        """Stamp of the last message on nav/fix, and how often the position has jumped."""
         self._pace = Thinning(from_seconds(1.0 / self.settings.rate), EARLY)
         self._receiver: Receiver | None = None
         if self.settings.receive:
@@ -158,24 +123,30 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
 
     def _take_information(self, message: PointCloud2) -> None:
         fix = read_fix_information(message).fix
-        self._silence.batch(fix.reset, fix.published)
+        self._lost = self._lost or fix.reset
+        self._found = self._lost and fix.published
 
     def _take_diagnostics(self, array: DiagnosticArray) -> None:
         own = f"{self.get_namespace()}/{topics.PMHT_MM}: batch".lstrip("/")
         for item in array.status:
             if item.name == own:
-                self._silence.probability(float(figures_of(item).get("diverged", "0")))
+                self._elsewhere = float(figures_of(item).get("diverged", "0")) > LIKELY
 
     def _take_fix(self, message: NavSatFix) -> None:
-        aligned = message.status.status != NavSatStatus.STATUS_NO_FIX
-        self._silence.fix(to_ns(message.header.stamp), aligned)
+        ns = to_ns(message.header.stamp)
+        self._aligned = message.status.status != NavSatStatus.STATUS_NO_FIX
+        if ns == self._fixed and self._found:  # the second of a stamp is after a fix
+            self._lost = self._found = False
+            self._resets += 1
+        self._fixed = ns
 
     def _take_odometry(self, data: bytes) -> None:
         odometry = read_odometry(data)
         self._heard = self.monotonic()
         self.health.stamp = odometry.ns
-        if (why := self._silence.why) is not None:
-            self.health.state(WARN, f"silent: {why}")
+        if self._lost or self._elsewhere or not self._aligned:
+            why = "is not aligned" if not (self._lost or self._elsewhere) else "has diverged"
+            self.health.state(WARN, f"silent: the navigator {why}")
             return
         require_usable(odometry)
         if not self._pace.takes(odometry.ns):
@@ -187,7 +158,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
             field = self.scenario.measured_field
             made = global_position_sensor(self._dialect, odometry, self._frame, field)
         else:
-            made = vision_position_estimate(self._dialect, odometry, self._silence.resets)
+            made = vision_position_estimate(self._dialect, odometry, self._resets)
         self._send(made)
         self.health.count("sent")
         self.health.state(OK, "sending")
