@@ -67,7 +67,7 @@ def test_recorded_time_goes_on_after_a_wrong_stamp_and_follows_time_that_begins_
         play((5.0, 6.0), -4.0)
         play((1000.0, 1001.0, 1002.0), 0.0)  # a real gap, of which the first is held
         play((1.0, 2.0, 3.0), 0.0)  # begun anew
-        made.node._finish()
+        made.node.writer.close()
     logged = [m.log_ns // 10**9 for m in BagReader(tmp_path / "bag").messages()]
     assert [second for second in logged if second] == [
         *[1, 1, 2, 2],

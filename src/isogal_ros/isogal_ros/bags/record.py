@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatStatus
 
@@ -33,6 +33,7 @@ from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import Topic, type_name
 
 LEVELS = {
+    DiagnosticStatus.OK: "OK",
     DiagnosticStatus.WARN: "WARN",
     DiagnosticStatus.ERROR: "ERROR",
     DiagnosticStatus.STALE: "STALE",
@@ -96,11 +97,8 @@ class Collector:
             self.last_nav[ns] = data
         elif topic is topics.NAV_AIDS:
             array = deserialize_message(data, topics.NAV_AIDS.type)
-            time = to_seconds(to_ns(array.header.stamp))
             self.aids += [
-                Event(time, LEVELS.get(item.level, "OK"), item.name, item.message)
-                for item in array.status
-                if not item.name.endswith(topics.NAVIGATOR)
+                one for one in _events(array) if not one.source.endswith(topics.NAVIGATOR)
             ]
         elif topic is topics.DIAGNOSTICS:
             self._take_diagnostics(data)
@@ -126,16 +124,23 @@ class Collector:
             array = decoded(data, topics.DIAGNOSTICS.type)
         except BadMessageError:
             return
-        for item in array.status:
+        for item, event in zip(array.status, _events(array), strict=True):
             if self.namespace not in (None, item.name.rpartition("/")[0]):
                 continue
-            if item.level != DiagnosticStatus.OK:
-                level = LEVELS.get(item.level, "ERROR")
-                time = to_seconds(to_ns(array.header.stamp))
-                self.said.append(Event(time, level, item.name, item.message))
+            if event.level != "OK":
+                self.said.append(event)
             if item.name.endswith(f"{topics.PMHT_MM}: batch"):
                 figures = figures_of(item) | {"message": item.message}
                 self.batches[from_seconds(float(figures["stamp"]))] = figures
+
+
+def _events(array: DiagnosticArray) -> list[Event]:
+    """Return what diagnostics say."""
+    time = to_seconds(to_ns(array.header.stamp))
+    return [
+        Event(time, LEVELS.get(item.level, "ERROR"), item.name, item.message)
+        for item in array.status
+    ]
 
 
 def wanted_messages(

@@ -44,19 +44,11 @@ def defaults(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 @contextmanager
-def graph_domain(names: Collection[str], asked: int | None = None) -> Iterator[int]:
-    """Yield a domain for one graph, held until its end, in which nobody else publishes what the
-    graph does: the one that is asked for, else the user's ``ROS_DOMAIN_ID``, else a free one.
-
-    Where ``ROS_DOMAIN_ID`` is not free of such publishers, it is another one, and a line on
-    standard error says so.
-
-    Parameters
-    ----------
-    names : collection of str
-        Topics of the graph.
-    asked : int, optional
-        Domain that must be used.
+def graph_domain(scenario: Scenario, asked: int | None = None) -> Iterator[int]:
+    """Yield a domain for the graph of a scenario, held until its end, in which nobody else
+    publishes what the graph does: the one that is asked for, else the user's ``ROS_DOMAIN_ID``,
+    else a free one. Where ``ROS_DOMAIN_ID`` is not free of such publishers, it is another one, and
+    a line on standard error says so.
 
     Raises
     ------
@@ -64,6 +56,9 @@ def graph_domain(names: Collection[str], asked: int | None = None) -> Iterator[i
         The domain that is asked for has a publisher of these topics; or ``ROS_DOMAIN_ID`` is no
         domain.
     """
+    used = topics_in_use(scenario)
+    # viewers offer to publish initialpose
+    names = [topic.name for topic in used if topic is not topics.INITIAL_POSE]
     with ExitStack() as stack:
         given, why = users_domain() if asked is None else asked, None
         if given is not None:
@@ -81,13 +76,6 @@ def graph_domain(names: Collection[str], asked: int | None = None) -> Iterator[i
             said = f"isogal: {DOMAIN}={given}: {why}; taking domain {domain} instead"
             print(said, file=sys.stderr, flush=True)
         yield domain
-
-
-def names_of(scenario: Scenario) -> list[str]:
-    """Return the names of the topics that nobody else may publish where a scenario's graph runs,
-    thus not initialpose, which viewers offer to publish."""
-    used = topics_in_use(scenario)
-    return [topic.name for topic in used if topic is not topics.INITIAL_POSE]
 
 
 def users_domain() -> int | None:

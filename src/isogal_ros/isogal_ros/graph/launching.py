@@ -33,6 +33,10 @@ _ENDED_WHEN_ASKED = (0, INTERRUPTED, -signal.SIGINT, -signal.SIGTERM)
 """Exit codes of a node that was asked to end."""
 
 
+Words = Annotated[Sequence[str], BeforeValidator(shlex.split)]
+"""Words of an argument, as a shell has them."""
+
+
 class Arguments(BaseModel):
     """Arguments of the launch file, which are texts."""
 
@@ -67,13 +71,15 @@ class Arguments(BaseModel):
     log_level: Literal["debug", "info", "warn", "error", "fatal"] = Field(
         "info", description="debug, info, warn, error or fatal"
     )
-    remap: str = Field(
+    remap: Words = Field(
         "",
+        validate_default=True,
         description="topics of drivers in place of the graph's, as in /sbg/imu:=imu/data_raw"
         " /mgs6/g:=gravimeter/data_raw",
     )
-    set: str = Field(
+    set: Words = Field(
         "",
+        validate_default=True,
         description="keys of the scenario, which count before those of params: KEY=VALUE"
         " KEY=VALUE",
     )
@@ -88,27 +94,19 @@ class Arguments(BaseModel):
     @property
     def remappings(self) -> list[tuple[str, str]]:
         """Names of the graph, and those of drivers in their place."""
-        names = Remapping.parse(_words("remap", self.remap), "remap").names
+        names = Remapping.parse(self.remap, "remap").names
         return [(own.lstrip("/"), given) for given, own in names.items()]
 
     @property
     def keys(self) -> dict[str, JsonValue]:
         """Parameters of the scenario that are set one by one, values in YAML."""
-        return given_parameters("set", _words("set", self.set), parameter_specs(Scenario))
+        return given_parameters("set", self.set, parameter_specs(Scenario))
 
     @property
     def sim_time(self) -> bool:
         """Whether the clocks of nodes other than the simulator go by /clock."""
         auto = "true" if self.vehicle == "simulated" else "false"
         return self.use_sim_time.replace("auto", auto) == "true"
-
-
-def _words(name: str, text: str) -> list[str]:
-    """Return the words of an argument, as a shell has them."""
-    try:
-        return shlex.split(text)
-    except ValueError as error:
-        raise InputError(f"{name}: {error}: {text!r}") from None
 
 
 DESCRIBED = {

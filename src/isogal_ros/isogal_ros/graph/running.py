@@ -22,7 +22,7 @@ from isogal.threads import one_thread
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.bus import Bus
-from isogal_ros.graph.domain import DISCOVERY, DOMAIN, defaults, graph_domain, names_of, quiet_node
+from isogal_ros.graph.domain import DISCOVERY, DOMAIN, defaults, graph_domain, quiet_node
 from isogal_ros.graph.forkserver import start_node
 from isogal_ros.graph.plan import CLASSES, GraphError, Plan
 from isogal_ros.nodes.base import GraphNode
@@ -83,9 +83,12 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = lambda _: 
     GraphError
         A node failed.
     """
-    names, nodes = names_of(plan.scenario), dict[str, GraphNode]()
+    nodes = dict[str, GraphNode]()
     tell_of_compiling(lambda: print(f"isogal: {COMPILING}", file=sys.stderr, flush=True))
-    with graph_domain(names, plan.domain) as domain, Bus(quiet=False, domain=domain) as bus:
+    with (
+        graph_domain(plan.scenario, plan.domain) as domain,
+        Bus(quiet=False, domain=domain) as bus,
+    ):
         executor = make_executor(bus)
         try:
             for name in plan.names:
@@ -260,7 +263,7 @@ def run_processes(
         A node ended before its time, or with an error.
     """
     before = shared_memory()
-    with graph_domain(names_of(plan.scenario), plan.domain) as domain:
+    with graph_domain(plan.scenario, plan.domain) as domain:
         environment = " ".join(f"{name}={value}" for name, value in DISCOVERY.items())
         print(
             f"The nodes are in ROS domain {domain}. To watch them, where ros2 is installed:\n"

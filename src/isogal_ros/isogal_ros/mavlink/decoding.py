@@ -12,7 +12,6 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
-from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.scenario.data_sheet import G
 from isogal_ros import topics
@@ -39,6 +38,8 @@ _UNREADABLE = "BAD_DATA", "UNKNOWN_"
 _INERTIAL = 0b111111
 """Of HIGHRES_IMU_UPDATED_FLAGS: accelerometers and gyroscopes."""
 
+_UPPER = np.triu_indices(6)
+"""Elements of a covariance (6, 6) that MAVLink sends."""
 Received: TypeAlias = Any
 """A message as pymavlink decodes it, which has no types."""
 Published = Iterator[tuple[Topic, Message]]
@@ -101,21 +102,14 @@ def _odometry(found: Received, ns: int) -> Published:
         raise BadMessageError("ODOMETRY: child_frame_id must be MAV_FRAME_BODY_FRD")
     message = framed(topics.VELOCITY, BASE)
     fill_twist(message, ns, np.array([found.vx, found.vy, found.vz]) * FRD_FLU)
-    covariance = _upper(found.velocity_covariance)
-    if covariance is not None:
+    upper = np.zeros((6, 6))
+    upper[_UPPER] = found.velocity_covariance
+    if not np.isnan(upper[0, 0]):
+        covariance = (upper + np.triu(upper, 1).T)[:3, :3]
         turned = np.asarray(message.twist.covariance).reshape(6, 6).copy()
-        turned[:3, :3] = FRD_FLU[:, None] * covariance[:3, :3] * FRD_FLU
+        turned[:3, :3] = FRD_FLU[:, None] * covariance * FRD_FLU
         message.twist.covariance = turned.ravel()
     yield topics.VELOCITY, message
-
-
-def _upper(values: list[float]) -> Array | None:
-    """Return a covariance (6, 6) from its upper triangle, row by row; None where it is unknown."""
-    if math.isnan(values[0]):
-        return None
-    upper = np.zeros((6, 6))
-    upper[np.triu_indices(6)] = values
-    return np.asarray(upper + np.triu(upper, 1).T)
 
 
 ROWS: Mapping[str, tuple[tuple[Topic, ...], Callable[[Received, int], Published]]] = {
@@ -128,13 +122,6 @@ ROWS: Mapping[str, tuple[tuple[Topic, ...], Callable[[Received, int], Published]
 }
 """By name of MAVLink's message: the topics that it is published on, and what yields their
 messages, of a stamp (ns); it raises BadMessageError."""
-
-
-def time_of(found: Received) -> int:
-    """Return the time of a message, ns, since 1970 or since its sender's start."""
-    if hasattr(found, "time_usec"):
-        return int(found.time_usec) * 1000
-    return int(found.time_boot_ms) * 1_000_000
 
 
 class SenderClock:
@@ -264,7 +251,11 @@ class Receiver:
             return
         self._used[name] = source, here
         try:
-            for topic, message in decode(found, self._clock.stamp(time_of(found), now)):
+            if hasattr(found, "time_usec"):
+                time = int(found.time_usec) * 1000
+            else:
+                time = int(found.time_boot_ms) * 1_000_000
+            for topic, message in decode(found, self._clock.stamp(time, now)):
                 self._publishers[topic].publish(message)
         except BadMessageError as error:
             self._node.health.drop(of[0].name, str(error))
