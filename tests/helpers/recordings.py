@@ -122,7 +122,7 @@ def assert_replayed(bag: Path, tolerance: float = 1e-6) -> Replay:
     """Assert that a replay gives the recorded fixes and the recorded navigation (m), and return
     it."""
     result, recorded = replayed(bag), collect(bag)
-    found = result.comparison
+    found = result
     assert found.recorded == found.replayed == found.common > 0
     assert found.disagreements == 0
     assert found.largest_difference < tolerance

@@ -27,9 +27,9 @@ def test_a_bag_that_is_cut_off(recording, tmp_path, capsys) -> None:
     assert "ends early" in note
     assert "read up to" in note
     assert 60 < result.simulated < 300
-    assert result.comparison.disagreements == 0
-    assert 1 <= result.comparison.common < 6
-    assert result.comparison.largest_difference < 1e-6
+    assert result.disagreements == 0
+    assert 1 <= result.common < 6
+    assert result.largest_difference < 1e-6
     open_bag(tmp_path / "part.mcap")
     assert "part.mcap: not read to its end: the file ends early" in capsys.readouterr().err
 
@@ -55,7 +55,7 @@ def test_the_sample_is_small_and_whole() -> None:
 def test_the_sample_replays_to_the_same_fixes() -> None:
     """Within a metre: the last digits are the machine's, but another filter or matcher has to make
     another sample."""
-    assert assert_replayed(SAMPLE, 1.0).comparison.common >= 3
+    assert assert_replayed(SAMPLE, 1.0).common >= 3
 
 
 def thinned(scenario, interval: float) -> Scenario:

@@ -65,7 +65,7 @@ def recorded(two, tmp_path_factory) -> Callable[[str], Path]:
 def test_a_recording_is_replayed(two, recorded) -> None:
     """The fixes of a graph with several fields, from its readings."""
     bag = recorded("second misses the batch ends")
-    assert assert_replayed(bag, 1e-3).comparison.common > 5
+    assert assert_replayed(bag, 1e-3).common > 5
     with pytest.raises(InputError, match=r"fields\.1\.gravimeter\.interval shorter .* \(35 s\)"):
         replayed(bag, two())
 

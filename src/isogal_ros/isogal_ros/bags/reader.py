@@ -148,19 +148,14 @@ class BagReader:
 def _find_files(path: Path) -> list[Path]:
     if not path.exists():
         raise InputError(f"{path}: no such bag")
-    if path.is_file():
-        if not path.name.endswith(SUFFIXES):
-            how = f"; {_CONVERT}" if path.name.endswith(SQLITE) else ""
-            raise InputError(
-                f"{path}: not an MCAP file by its name; a bag is a folder, or a file that ends in"
-                f" .mcap or .mcap.zstd{how}"
-            )
-        return [path]
-    files = parts(path)
+    files = [path] if path.is_file() and path.name.endswith(SUFFIXES) else parts(path)
     if not files:
-        others = sorted(entry.name for entry in path.iterdir() if entry.name.endswith(SQLITE))
-        hint = f" but {others[0]}; {_CONVERT}" if others else ""
-        raise InputError(f"{path}: no MCAP file in this folder{hint}")
+        entries = path.iterdir() if path.is_dir() else [path]
+        how = f"; {_CONVERT}" if any(one.name.endswith(SQLITE) for one in entries) else ""
+        raise InputError(
+            f"{path}: no MCAP file; a bag is a folder with files that end in .mcap or .mcap.zstd,"
+            f" or one of these{how}"
+        )
     if len(files) > 1 and not numbered(files):
         raise InputError(
             f"{path}: {len(files)} MCAP files that are not parts of one bag; give one of them:"

@@ -31,9 +31,12 @@ _HOW = (
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """How a replay's fixes differ from the recorded ones."""
+class Replay:
+    """What a replay leaves behind."""
 
+    scenario: Scenario
+    outputs: Collector
+    """Messages of the fresh nodes, with the recorded truth."""
     recorded: int
     """Fixes recorded, without those that say there is none."""
     replayed: int
@@ -44,20 +47,6 @@ class Comparison:
     recording says nothing of any batch, so that there is nothing to compare with."""
     largest_difference: float | None
     """m, between fixes of the same stamp; None = there is none in common."""
-
-    def within(self, tolerance: float) -> bool:
-        """Whether there is something to compare with, and no fix differs by more (m)."""
-        return self.disagreements == 0 and (self.largest_difference or 0.0) <= tolerance
-
-
-@dataclass(frozen=True)
-class Replay:
-    """What a replay leaves behind."""
-
-    scenario: Scenario
-    outputs: Collector
-    """Messages of the fresh nodes, with the recorded truth."""
-    comparison: Comparison
     simulated: float
     """s replayed."""
     wall_seconds: float
@@ -114,7 +103,7 @@ def replay(
     return Replay(
         scenario,
         outputs,
-        _compare(recorded.collector, outputs, answered),
+        *_compare(recorded.collector, outputs, answered),
         to_seconds(answered) - recorded.first if answered else 0.0,
         time.monotonic() - begun,
         _notes(reader, recorded),
@@ -161,8 +150,10 @@ def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
     return notes
 
 
-def _compare(recorded: Collector, replayed: Collector, last_ns: int) -> Comparison:
-    """Compare the fixes up to a stamp."""
+def _compare(
+    recorded: Collector, replayed: Collector, last_ns: int
+) -> tuple[int, int, int, int | None, float | None]:
+    """Compare the fixes up to a stamp; return `recorded` to `largest_difference` of a replay."""
     old = {ns: fix for ns, fix in recorded.fix_positions().items() if ns <= last_ns}
     new = replayed.fix_positions()
     differences = [
@@ -170,15 +161,10 @@ def _compare(recorded: Collector, replayed: Collector, last_ns: int) -> Comparis
         for ns, before in old.items()
         if before is not None and (after := new.get(ns)) is not None
     ]
-    return Comparison(
-        recorded=sum(fix is not None for fix in old.values()),
-        replayed=sum(fix is not None for fix in new.values()),
-        common=len(differences),
-        disagreements=sum((old.get(ns) is None) != (new.get(ns) is None) for ns in {*old, *new})
-        if old
-        else None,
-        largest_difference=max(differences, default=None),
-    )
+    apart = sum((old.get(ns) is None) != (new.get(ns) is None) for ns in {*old, *new})
+    counts = (sum(fix is not None for fix in one.values()) for one in (old, new))
+    largest = max(differences, default=None)
+    return *counts, len(differences), apart if old else None, largest
 
 
 def _shortcomings(player: Player, answered: int) -> list[str]:
