@@ -157,14 +157,14 @@ def _compare(
     old = {ns: fix for ns, fix in recorded.fix_positions().items() if ns <= last_ns}
     new = replayed.fix_positions()
     differences = [
-        float(np.hypot(*horizontal_difference(*after, *before)))
-        for ns, before in old.items()
-        if before is not None and (after := new.get(ns)) is not None
+        float(np.hypot(*horizontal_difference(*place, *was)))
+        for ns, was in old.items()
+        if was is not None and (place := new.get(ns)) is not None
     ]
     apart = sum((old.get(ns) is None) != (new.get(ns) is None) for ns in {*old, *new})
-    counts = (sum(fix is not None for fix in one.values()) for one in (old, new))
+    before, after = (sum(fix is not None for fix in one.values()) for one in (old, new))
     largest = max(differences, default=None)
-    return *counts, len(differences), apart if old else None, largest
+    return before, after, len(differences), apart if old else None, largest
 
 
 def _shortcomings(player: Player, answered: int) -> list[str]:
