@@ -80,7 +80,7 @@ def run_command(
     checkpoint = _fresh_checkpoints(out / "checkpoint") if survives else None
     plan = Plan(scenario, folder, rate=how.rate, checkpoint=checkpoint, domain=how.domain)
     watch = Watch(scenario, trajectory, first_map(field_map), folder)
-    shown = watching(watch, dashboard=how.dashboard, page=how.live, port=how.port)
+    shown = watching(watch, dashboard=how.dashboard, port=how.port if how.live else None)
     Thread(target=_load_plotting, daemon=True).start()
     try:
         with interrupts() as interrupt, shown as report:

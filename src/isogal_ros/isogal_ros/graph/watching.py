@@ -100,7 +100,7 @@ class Watch:
 
 @contextmanager
 def watching(
-    watch: Watch | None = None, *, dashboard: bool = False, page: bool = False, port: int = 0
+    watch: Watch | None = None, *, dashboard: bool = False, port: int | None = None
 ) -> Iterator[Report]:
     """Yield a function that takes the progress of a run, which is shown as long as the block
     lasts: by a bar or the dashboard on a terminal, else by a line now and then.
@@ -111,10 +111,8 @@ def watching(
         What dashboard and page show; None = only the progress is shown.
     dashboard : bool
         Whether the terminal shows more than a bar.
-    page : bool
-        Whether a page is served to this machine.
-    port : int
-        Of the page; 0 = any that is free.
+    port : int, optional
+        Of a page that is served to this machine; 0 = any that is free, None = there is none.
 
     Raises
     ------
@@ -142,7 +140,7 @@ def watching(
     if dashboard and not terminal.is_terminal:
         raise InputError("--dashboard: standard error is no terminal")
     with ExitStack() as stack:
-        if watch is not None and page:
+        if watch is not None and port is not None:
             address = stack.enter_context(serve(watch, port))
             print(f"Live page, on this machine only: {address}", file=sys.stderr, flush=True)
         if terminal.is_terminal:
