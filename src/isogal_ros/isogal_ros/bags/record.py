@@ -71,17 +71,16 @@ class Collector:
         """Diagnostics that are not OK."""
         self.namespace: str | None = None
         """Of the nodes whose diagnostics are kept; None = of all."""
-        first, *others = scenario.each_field
+        first, *others = (adapter_of(one).reduced for one in scenario.each_field)
         self.others = tuple({} for _ in others)
         self._plain: dict[Topic, dict[int, bytes]] = {
             topics.TRUTH_FIX: self.truth,
             topics.INS_FIX: self.unaided,
             topics.FIX: self.fixes,
             topics.CANDIDATES: self.candidates,
-            adapter_of(first).reduced: self.readings,
+            first: self.readings,
+            **dict(zip(others, self.others, strict=True)),
         }
-        for one, readings in zip(others, self.others, strict=True):
-            self._plain[adapter_of(one).reduced] = readings
 
     def topics(self) -> tuple[Topic, ...]:
         """Return the topics that are wanted."""
@@ -101,7 +100,15 @@ class Collector:
                 one for one in _events(array) if not one.source.endswith(topics.NAVIGATOR)
             ]
         elif topic is topics.DIAGNOSTICS:
-            self._take_diagnostics(data)
+            array = deserialize_message(data, topics.DIAGNOSTICS.type)
+            for item, event in zip(array.status, _events(array), strict=True):
+                if self.namespace not in (None, item.name.rpartition("/")[0]):
+                    continue
+                if event.level != "OK":
+                    self.said.append(event)
+                if item.name.endswith(f"{topics.PMHT_MM}: batch"):
+                    figures = figures_of(item) | {"message": item.message}
+                    self.batches[from_seconds(float(figures["stamp"]))] = figures
 
     def take_bag(self, reader: BagReader) -> None:
         """Keep what a bag holds; of other graphs' diagnostics in it, nothing."""
@@ -118,20 +125,6 @@ class Collector:
     def fix(self, ns: int) -> Fix:
         """Return the fix of a stamp."""
         return read_fix(deserialize_message(self.fixes[ns], topics.FIX.type)).fix
-
-    def _take_diagnostics(self, data: bytes) -> None:
-        try:
-            array = decoded(data, topics.DIAGNOSTICS.type)
-        except BadMessageError:
-            return
-        for item, event in zip(array.status, _events(array), strict=True):
-            if self.namespace not in (None, item.name.rpartition("/")[0]):
-                continue
-            if event.level != "OK":
-                self.said.append(event)
-            if item.name.endswith(f"{topics.PMHT_MM}: batch"):
-                figures = figures_of(item) | {"message": item.message}
-                self.batches[from_seconds(float(figures["stamp"]))] = figures
 
 
 def _events(array: DiagnosticArray) -> list[Event]:
@@ -168,7 +161,6 @@ def wanted_messages(
             kind = reader.types[name]
             try:
                 data = reader.entrance.take_serialised(topic, message.data, kind, message.log_ns)
-                peek_ns(data)  # which has to be there
                 _require_whole(topic, data)
             except BadMessageError as error:
                 left_out.setdefault(name, []).append(str(error))
@@ -179,19 +171,16 @@ def wanted_messages(
 
 
 _PLACES = topics.NAV_FIX, topics.TRUTH_FIX, topics.INS_FIX
-_UNCHECKED = topics.IMU, topics.DIAGNOSTICS
-"""Topics whose readers look themselves whether messages are whole: there are many."""
 
 
 def _require_whole(topic: Topic, data: bytes) -> None:
     """Raise BadMessageError unless a serialised message can be read, and a position is of a
     place."""
-    if topic not in _UNCHECKED:
-        message = decoded(data, topic.type)
-        if topic in _PLACES:
-            place = read_place(message)
-            if message.status.status == NavSatStatus.STATUS_NO_FIX and place == (0.0, 0.0):
-                raise BadMessageError("no fix, and therefore no position")
+    message = decoded(data, topic.type)
+    if topic in _PLACES:
+        place = read_place(message)
+        if message.status.status == NavSatStatus.STATUS_NO_FIX and place == (0.0, 0.0):
+            raise BadMessageError("no fix, and therefore no position")
 
 
 LONGEST_GAP = 10_000_000_000
