@@ -92,9 +92,7 @@ def run_command(
         note(str(error))
         return FAILED
     if interrupt:
-        typer.echo(
-            f"Interrupted; all nodes have ended. What was recorded is in {folder}", err=True
-        )
+        typer.echo(f"Interrupted; all nodes have ended. Recorded so far: {folder}", err=True)
         return INTERRUPTED
     typer.echo(f"The graph took {wall:.1f} s; writing the report ...", err=True)
     collector = Collector(scenario)

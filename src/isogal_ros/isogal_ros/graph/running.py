@@ -212,13 +212,6 @@ class Processes:
         words = " | ".join(line.strip() for line in lines if line.strip())
         return f"{name} ended ({how}){': ' + words if words else ''}; log: {self._log(name)}"
 
-    def send_signal(self, name: str, number: int) -> None:
-        """Send a signal to a process, if it runs."""
-        process = self.running[name]
-        if process.pid is not None and process.exitcode is None:
-            with suppress(ProcessLookupError):
-                os.kill(process.pid, number)
-
     def stop(self, interrupt: Interrupt) -> None:
         """End all: the recorder last, so that it hears everything."""
         last = {name for name in self.running if name == RECORDER}
@@ -226,9 +219,10 @@ class Processes:
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
                 asked, deadline = interrupt.count, time.monotonic() + PATIENCE
                 alive = names - self.ended().keys()
-                for name in alive:
-                    self.send_signal(name, number)
-                    self.send_signal(name, signal.SIGCONT)  # one that is stopped would not hear it
+                for pid in filter(None, (self.running[name].pid for name in alive)):
+                    with suppress(ProcessLookupError):
+                        os.kill(pid, number)
+                        os.kill(pid, signal.SIGCONT)  # one that is stopped would not hear it
                 # another interrupt ends the wait
                 while alive and time.monotonic() < deadline and interrupt.count == asked:
                     time.sleep(0.01)
