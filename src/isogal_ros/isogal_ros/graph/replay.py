@@ -141,7 +141,8 @@ def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
             else "where the recorded navigator was"
         )
         notes.append(f"the bag begins at {recorded.first:.0f} s: the filter starts there {how}")
-    if {topics.GRAVITY, topics.DISTURBANCE} & {*recorded.readings}:
+    by_navigator = all(one.readings.source is None for one in recorded.scenario.each_field)
+    if by_navigator and {topics.GRAVITY, topics.DISTURBANCE} & {*recorded.readings}:
         notes.append(
             "the gravimeter's own readings are not all in the bag: those that are fed were reduced"
             " with the recorded navigator's velocity, and are wrong by the Eötvös effect of what"
