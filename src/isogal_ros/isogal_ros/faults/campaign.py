@@ -277,9 +277,9 @@ def run_campaign(
                 with (out / OUTCOMES).open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(plain(asdict(found))) + "\n")
                 after, error = found.reported_after, found.error_after
-                words = f"reported after {after:.0f} s, error {error:.0f} m after it"
-                said = [f"{fault.name}, trial {trial}: {words}", *found.errors]
-                typer.echo(", ".join(said), err=True)
+                words = "not reported" if math.isnan(after) else f"reported after {after:.0f} s"
+                said = f"{fault.name}, trial {trial}: {words}, error {error:.0f} m after it"
+                typer.echo(", ".join([said, *found.errors]), err=True)
             interrupt.ends_at_once = False
     interrupt.ends_at_once = False
     table = table_of(scenario, faults, done.values())
