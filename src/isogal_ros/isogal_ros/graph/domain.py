@@ -26,9 +26,6 @@ _HIGHEST = 101
 section 9.6.2.3)."""
 _LARGEST = 232
 """The highest domain whose ports exist."""
-_PARTICIPANTS = 120
-"""Of a domain, whose ports are all below the next domain's."""
-_LAST_PORT = 65535
 _DISCOVERY = 4.0
 """s of wall time after which all who publish in a domain are known. A node finds the others within
 0.2 s, but one in eight loses the first answer, which comes again only after three seconds."""
@@ -142,10 +139,9 @@ def _claim(kind: str, domain: int, stack: ExitStack) -> bool:
 
 def participants(domain: int) -> int:
     """Count those that listen on this machine: unicast discovery ports are 7410 + 250 domain + 2
-    participant."""
-    found = 0
-    first = 7410 + 250 * domain
-    for port in range(first, min(first + 2 * _PARTICIPANTS, _LAST_PORT), 2):
+    participant, all below those of the next domain and 65536."""
+    found, first = 0, 7410 + 250 * domain
+    for port in range(first, min(first + 240, 65536), 2):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
                 probe.bind(("", port))
