@@ -125,6 +125,8 @@ def watching(
 
     def report(progress: Progress) -> None:
         nonlocal printed, latest
+        if latest is None:
+            printed = time.monotonic()  # what is before the first step is no progress
         latest = progress
         if watch is not None:
             watch.progress = progress
