@@ -29,7 +29,7 @@ from isogal.scenario import Scenario, load_scenario
 from isogal.sensors.trajectory import build_trajectory
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.bus import Bus
-from isogal_ros.graph.domain import graph_domain, names_of
+from isogal_ros.graph.domain import graph_domain
 from isogal_ros.graph.plan import CLASSES, Plan
 from isogal_ros.graph.running import Progress, run_in_process, run_processes
 from isogal_ros.nodes.listening import Listening
@@ -116,7 +116,7 @@ ALL = "all nodes"
 def limit_of(scenario: Scenario, bag: Path, *processes: Sequence[str]) -> Figures:
     """Run bare nodes for the steps of a bag: the names of those in each process, the simulator's
     last."""
-    with graph_domain(names_of(scenario)) as domain:
+    with graph_domain(scenario) as domain:
         started = [
             subprocess.Popen(
                 [sys.executable, relay.__file__, str(bag), str(domain), *names],

@@ -33,7 +33,7 @@ from gravimeter_node.node import simulated_readings
 from isogal.fields.simulated_vehicle import simulate_vehicle
 from isogal.scenario import Scenario, load_scenario
 from isogal_ros import topics
-from isogal_ros.graph.domain import graph_domain, names_of, quiet_node
+from isogal_ros.graph.domain import graph_domain, quiet_node
 from isogal_ros.graph.plan import Plan
 from isogal_ros.graph.running import Processes
 from isogal_ros.messages.adapter import adapter_of
@@ -185,7 +185,7 @@ def measured(minutes: float, hertz: float, keys: list[str], count: int) -> dict[
     with (
         tempfile.TemporaryDirectory() as name,
         interrupts() as interrupt,
-        graph_domain(names_of(scenario)) as domain,
+        graph_domain(scenario) as domain,
     ):
         listener = Listener(domain, spaces, (topics.IMU, *nav, reduced, topics.FIX))
         listener.start()

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
@@ -32,11 +31,9 @@ def rewritten(
     change: Callable[[str, bytes], bytes | None] = lambda topic, data: data,
     texts: Mapping[str, str] | None = None,
     names: Mapping[str, str] = MappingProxyType({}),
-    offers: Mapping[str, list[Any]] = MappingProxyType({}),
 ) -> Path:
     """A copy of a bag with each message as `change` (topic, serialised message) makes it; None
-    leaves it out. It may have other texts, other names of topics, and profiles that publishers
-    offered."""
+    leaves it out. It may have other texts and other names of topics."""
     reader = BagReader(bag)
     writer = BagWriter(folder, dict(reader.texts if texts is None else texts))
     for message in reader.messages():
@@ -45,7 +42,7 @@ def rewritten(
         if data is None:
             continue
         if not writer.knows(name):
-            writer.add_topic(name, reader.types[message.topic], offers.get(name, []), "")
+            writer.add_topic(name, reader.types[message.topic], [], "")
         writer.write(name, data, message.log_ns, message.log_ns)
     writer.close()
     return folder
@@ -125,7 +122,7 @@ def assert_replayed(bag: Path, tolerance: float = 1e-6) -> Replay:
     """Assert that a replay gives the recorded fixes and the recorded navigation (m), and return
     it."""
     result, recorded = replayed(bag), collect(bag)
-    found = result.comparison
+    found = result
     assert found.recorded == found.replayed == found.common > 0
     assert found.disagreements == 0
     assert found.largest_difference < tolerance

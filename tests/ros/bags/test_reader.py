@@ -89,7 +89,7 @@ def test_a_scenario_that_is_no_yaml_is_refused_in_one_line(tmp_path) -> None:
     [
         ({}, "none", "no such bag"),
         ({}, "", "no MCAP file"),
-        ({"x.py": b""}, "x.py", "not an MCAP file by its name"),
+        ({"x.py": b""}, "x.py", "no MCAP file"),
         ({"x.db3": b""}, "", r"ros2 bag convert.*rosbags-convert"),
         ({"x.db3": b""}, "x.db3", r"ros2 bag convert.*rosbags-convert"),
         ({"y.mcap": b"123"}, "y.mcap", "not an MCAP file"),

@@ -1,34 +1,19 @@
 """What the recorder keeps of a run."""
 
-import json
-import time
 from collections import Counter
 from collections.abc import Iterable
 
-import numpy as np
 import yaml
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
-from std_msgs.msg import String
 
-from helpers.command_line import answer
-from helpers.domains import claim_domain
-from helpers.node_bench import absolute, bench, run_here, topics_of
-from helpers.recordings import record
-from isogal.earth.frames import horizontal_difference
+from helpers.node_bench import absolute, bench, topics_of
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
-from isogal_ros.bags.recorder import RECORDER, RecorderNode
-from isogal_ros.graph.domain import local_context
+from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.messages.prepared import peek_ns
 from isogal_ros.messages.stamps import from_seconds, set_stamp
 from isogal_ros.nodes.health import ERROR, figures_of
-from isogal_ros.nodes.spin import make_executor
-from isogal_ros.parameters.values import node_values
-
-ONE_IN_10000 = 18.4
-"""Of a chi-square with two degrees of freedom."""
 
 
 def test_every_topic_is_recorded(recording, scenario) -> None:
@@ -82,7 +67,7 @@ def test_recorded_time_goes_on_after_a_wrong_stamp_and_follows_time_that_begins_
         play((5.0, 6.0), -4.0)
         play((1000.0, 1001.0, 1002.0), 0.0)  # a real gap, of which the first is held
         play((1.0, 2.0, 3.0), 0.0)  # begun anew
-        made.node._finish()
+        made.node.writer.close()
     logged = [m.log_ns // 10**9 for m in BagReader(tmp_path / "bag").messages()]
     assert [second for second in logged if second] == [
         *[1, 1, 2, 2],
@@ -118,59 +103,3 @@ def test_every_node_tells_how_it_is(recording) -> None:
     assert {*topics.NODES, "isogal_recorder", "pmht_mm_node: batch"} == set(names)
     assert names["ins_sim_node"] >= 1
     assert names["pmht_mm_node: batch"] == 6
-
-
-def test_a_hundred_topics_of_strangers_are_not_recorded(scenario, tmp_path) -> None:
-    with claim_domain() as number, local_context(number) as context:
-        own = {"bag": str(tmp_path / "bag"), "peers": [RECORDER]}
-        values = node_values(scenario(), own, RecorderNode.sections)
-        recorder = RecorderNode(RECORDER, values=values, context=context)
-        strangers = Node("strangers", context=context, use_global_arguments=False)
-        executor = make_executor(context)
-        executor.add_node(recorder)
-        executor.add_node(strangers)
-        many = [strangers.create_publisher(String, f"stranger_{k}", 10) for k in range(100)]
-        imu = strangers.create_publisher(topics.IMU.type, topics.IMU.name, topics.LOSSLESS)
-        end = time.monotonic() + 20.0
-        while not imu.get_subscription_count() and time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.05)
-        for _ in range(20):
-            for publisher in many:
-                publisher.publish(String(data="x" * 1000))
-            imu.publish(topics.IMU.type())
-        while recorder.writer.messages < 20 and time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.05)
-        executor.shutdown()
-        recorder.close()
-        strangers.destroy_node()
-    messages = list(BagReader(tmp_path / "bag").messages())
-    assert sum(message.topic == "/imu/data_raw" for message in messages) == 20
-    assert {message.topic for message in messages} <= {"/imu/data_raw", "/diagnostics"}
-    assert np.sum([len(message.data) for message in messages]) < 100_000
-
-
-def test_a_recording_can_be_matched_by_itself(magnetic, tmp_path) -> None:
-    scenario = magnetic
-    # one batch, which ends with the run: until then no fix has corrected the navigator
-    once = scenario.model_copy(
-        update={
-            "route": scenario.route.model_copy(update={"duration": 600.0}),
-            # a recorded track is matched against the map as it is in the file
-            "map": scenario.map.model_copy(update={"continuation": "none"}),
-            "matcher": scenario.matcher.model_copy(update={"batch_length": 60, "stride": 60}),
-        }
-    )
-    run_here(once, tmp_path / "bag")
-    files = "--map", scenario.map.source, "--track", tmp_path / "bag", "--out", tmp_path / "x.json"
-    sigmas = "--prior-sigma", 500, "--velocity-sigma", 0.5, "--map-sigma", 0
-    answer("match", *files, *sigmas)
-    document = json.loads((tmp_path / "x.json").read_text())
-    fixes = [fix for fix in document if fix["status"] == "fix"]
-    runs = record(tmp_path / "bag", once)
-    assert [fix["time"] for fix in fixes] == [300.0, 600.0]
-    for fix in fixes:
-        k = int(np.flatnonzero(runs.time == fix["time"])[0])
-        place = np.radians([fix["latitude"], fix["longitude"]])
-        error = horizontal_difference(*place, runs.latitude[k], runs.longitude[k])[::-1]
-        assert error @ np.linalg.solve(fix["covariance_enu"], error) < ONE_IN_10000
-        assert np.hypot(*error) < 100.0 < np.hypot(*runs.unaided_error[0, k])

@@ -74,7 +74,7 @@ def test_one_of_two_sources(tmp_path) -> None:
         writer.write("/imu/data_raw", sample(i), i, i)
         writer.write("/second/imu", sample(100 + i), i, i)
     writer.close()
-    reader = BagReader(tmp_path / "bag", remapping=Remapping.parse(["second/imu:=imu/data_raw"]))
+    reader = BagReader(tmp_path / "bag", ["second/imu:=imu/data_raw"])
     assert [one.data for one in reader.messages()] == [sample(100 + i) for i in range(10)]
     assert {one.topic for one in reader.messages()} == {"/imu/data_raw"}
 

@@ -1,13 +1,14 @@
 """A map that is not what it is assumed to be: what is reported, and what it does."""
 
-from copy import copy
+from dataclasses import replace
 
 import pytest
 
 from helpers.batches import field_map_of, wavy
 from helpers.node_bench import played
 from isogal.maps.formats.netcdf_writing import write_netcdf
-from isogal_ros.faults.campaign import Feed, two_batches
+from isogal_ros.faults.campaign import player_of, simulated, two_batches
+from isogal_ros.graph.player import Recorded
 
 WRONG = {
     "another area": lambda north, east: wavy(north + 31e3, east - 17e3),
@@ -16,10 +17,10 @@ WRONG = {
 
 
 @pytest.fixture(scope="module")
-def feed(scenario) -> Feed:
+def feed(scenario) -> Recorded:
     """Eight minutes over the map as it is."""
     own = "matcher.name=pmht", "matcher.batch_length=20", "matcher.stride=5"
-    return Feed(scenario("route.duration=480.0", *own), 0)
+    return simulated(scenario("route.duration=480.0", *own), 0)
 
 
 @pytest.mark.parametrize("what", ["as it is", *WRONG])
@@ -31,9 +32,7 @@ def test_a_wrong_map_is_reported_and_does_no_harm(feed, tmp_path, what) -> None:
         taken = taken.model_copy(
             update={"map": taken.map.model_copy(update={"source": str(path)})}
         )
-    assumed = copy(feed)
-    assumed.scenario = taken
-    player = assumed.player()
+    player = player_of(replace(feed, scenario=taken))
     _, silent = played(player)
     reports = [now for now, text in player.reports if "agree" in text or "lost" in text]
     assert bool(reports) == (what in WRONG)

@@ -93,7 +93,7 @@ def test_the_faults_command_ends_with_the_status_of_the_campaign(
     status, out, _ = call("faults", *sets(settings()), *words)
     assert (status, json.loads(out)) == (1, {"failed": 1})
     ((scenario, folder, trials, quick, *_),) = asked
-    assert scenario == campaign.quick_scenario(load_scenario(None, settings()))
+    assert scenario == load_scenario(None, settings())
     assert (folder, trials, quick) == (tmp_path / "f", 3, True)
 
 

@@ -12,15 +12,8 @@ from helpers.domains import claim_domain
 from isogal.errors import InputError
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.graph.domain import (
-    DOMAIN,
-    defaults,
-    graph_domain,
-    names_of,
-)
+from isogal_ros.graph.domain import DOMAIN, defaults, graph_domain
 from isogal_ros.graph.domain import local_context as in_domain
-
-NAMES = names_of(Scenario())
 
 
 @pytest.fixture
@@ -42,11 +35,11 @@ def node_in(domain: int) -> Iterator[Node]:
 
 def test_a_domain_that_is_claimed_or_has_a_participant_is_not_free(monkeypatch) -> None:
     monkeypatch.delenv(DOMAIN)
-    with graph_domain(NAMES) as first, graph_domain(NAMES) as second:
+    with graph_domain(Scenario()) as first, graph_domain(Scenario()) as second:
         assert first != second
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
         participant.bind(("", 7410 + 250 * first))
-        with graph_domain(NAMES) as other:
+        with graph_domain(Scenario()) as other:
             assert other != first
 
 
@@ -67,12 +60,12 @@ def test_a_graph_takes_the_users_domain_where_nobody_publishes_its_topics(
     other_domain, capsys
 ) -> None:
     """Listeners, and viewers, which offer to publish initialpose, are welcome."""
-    with graph_domain(NAMES) as domain:
+    with graph_domain(Scenario()) as domain:
         assert domain == other_domain
     with node_in(other_domain) as node:
         node.create_subscription(topics.IMU.type, topics.IMU.name, print, 10)
         node.create_publisher(topics.INITIAL_POSE.type, topics.INITIAL_POSE.name, 10)
-        with graph_domain(NAMES) as domain:
+        with graph_domain(Scenario()) as domain:
             assert domain == other_domain
     assert capsys.readouterr().err == ""
 
@@ -81,7 +74,7 @@ def test_a_graph_takes_the_users_domain_where_nobody_publishes_its_topics(
 def test_a_graph_does_not_join_publishers_of_its_topics(other_domain, capsys, topic) -> None:
     with node_in(other_domain) as node:
         node.create_publisher(topic.type, topic.name, 10)
-        with graph_domain(NAMES) as domain:
+        with graph_domain(Scenario()) as domain:
             assert domain != other_domain
         (line,) = capsys.readouterr().err.splitlines()
         assert line == (
@@ -89,16 +82,19 @@ def test_a_graph_does_not_join_publishers_of_its_topics(other_domain, capsys, to
             f" domain {domain} instead"
         )
         said = rf"^--domain {other_domain}: another node in it publishes {topic.name}; end it"
-        with pytest.raises(InputError, match=said), graph_domain(NAMES, other_domain):
+        with pytest.raises(InputError, match=said), graph_domain(Scenario(), other_domain):
             pass
 
 
 def test_two_graphs_that_start_at_once_are_kept_apart(other_domain, capsys) -> None:
     """When neither has a publisher yet."""
-    with graph_domain(NAMES) as first, graph_domain(NAMES) as second:
+    with graph_domain(Scenario()) as first, graph_domain(Scenario()) as second:
         assert first == other_domain != second
         assert "another isogal run is in it" in capsys.readouterr().err
-        with pytest.raises(InputError, match="another isogal run"), graph_domain(NAMES, first):
+        with (
+            pytest.raises(InputError, match="another isogal run"),
+            graph_domain(Scenario(), first),
+        ):
             pass
-    with graph_domain(NAMES, other_domain) as again:
+    with graph_domain(Scenario(), other_domain) as again:
         assert again == other_domain

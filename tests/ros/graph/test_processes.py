@@ -3,7 +3,6 @@
 import fcntl
 import json
 import os
-import shutil
 import signal
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
@@ -154,21 +153,18 @@ def test_a_run_that_ends_early_leaves_a_bag_that_can_be_read(tmp_path, how) -> N
 @pytest.mark.parametrize(
     ("how", "status", "said"),
     [
-        ("recorded", 130, "all nodes have ended. The recording is kept: isogal replay BAG"),
-        ("interrupted at once", 130, "all nodes have ended."),
+        ("interrupted", 130, "all nodes have ended. Recorded so far: BAG"),
         ("a node dies", 1, "isogal: ukf_fusion_node ended (killed by SIGKILL)"),
     ],
 )
 def test_the_command_says_how_a_run_has_ended(
-    settings, recording, tmp_path, monkeypatch, how, status, said
+    settings, tmp_path, monkeypatch, how, status, said
 ) -> None:
     bag = tmp_path / "out" / "bag"
 
     def ends(_plan, _folder, interrupt, *_) -> float:
         if how == "a node dies":
             raise GraphError("ukf_fusion_node ended (killed by SIGKILL)")
-        if how == "recorded":
-            shutil.copytree(recording, bag, dirs_exist_ok=True)
         interrupt(signal.SIGINT)
         return 0.0
 
@@ -179,27 +175,16 @@ def test_the_command_says_how_a_run_has_ended(
 
 
 def test_only_new_files_that_nobody_uses_are_deleted(monkeypatch, tmp_path) -> None:
-    """One that is just being made is locked when it is looked at."""
     monkeypatch.setattr(running, "SHARED_MEMORY", tmp_path)
-    names = ("old", "abandoned", "port7", "used", "being_made")
-    files = {name: tmp_path / f"fastrtps_{name}" for name in names}
+    monkeypatch.setattr(running, "SETTLED", 0.0)
     for name in ("old", "abandoned", "port7", "used"):
-        files[name].touch()
-        files[name].with_name(f"fastrtps_{name}_el").touch()
+        (tmp_path / f"fastrtps_{name}").touch()
+        (tmp_path / f"fastrtps_{name}_el").touch()
     (tmp_path / "sem.fastrtps_port7_mutex").touch()
     (tmp_path / "something else").touch()
     before = {name for name in shared_memory() if "_old" in name}
-    made = tmp_path / "fastrtps_being_made_el"
-
-    def settle(seconds: float) -> None:
-        assert seconds == running.SETTLED
-        fcntl.flock(lock, fcntl.LOCK_EX)
-
-    monkeypatch.setattr(running.time, "sleep", settle)
-    with made.open("wb") as lock, (tmp_path / "fastrtps_used_el").open("rb") as used:
+    with (tmp_path / "fastrtps_used_el").open("rb") as used:
         fcntl.flock(used, fcntl.LOCK_EX)
         sweep_shared_memory(before)
     kept = {"fastrtps_old", "fastrtps_old_el", "fastrtps_used", "fastrtps_used_el"}
-    assert {path.name for path in tmp_path.iterdir()} == kept | {made.name, "something else"}
-    monkeypatch.setattr(running.time, "sleep", lambda seconds: pytest.fail("waits"))
-    sweep_shared_memory(shared_memory())
+    assert {path.name for path in tmp_path.iterdir()} == kept | {"something else"}

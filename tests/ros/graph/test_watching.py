@@ -59,7 +59,7 @@ def test_the_live_page(watch) -> None:
         watch.progress = Progress(180.0, 360.0, 50.0, 12.0)
         with urlopen(f"{address}state?seen={tag}") as again:
             assert again.status == 204
-            assert again.headers["X-Status"] == "running: 50 %, 50 x real time"
+            assert again.headers["X-Status"] == "running: 50% of 360 s, 50 x real time, error 12 m"
         for path, host, status in (("", "evil.example", 403), ("elsewhere", None, 404)):
             with pytest.raises(HTTPError, match=str(status)):
                 urlopen(Request(address + path, headers={"Host": host} if host else {}))
@@ -75,7 +75,7 @@ def test_the_dashboard(watch) -> None:
     console.print(picture(Progress(180.0, 360.0, 50.0, 12.0), viewed))
     text = screen.getvalue()
     assert "Waiting for the first reading" in text
-    for words in ("0:03:00 of 0:06:00", "protection level", "unaided INS", "6 min"):
+    for words in ("50% of 360 s", "protection level", "unaided INS", "6 min"):
         assert words in text
 
 

@@ -139,7 +139,7 @@ def test_those_of_a_recording_count_in_its_replay(scenario, tmp_path) -> None:
     writer.write("/tf_static", serialised(VEHICLE), 0, 0)
     writer.close()
     options = ["gravimeter/data_raw.frame=mast", "gravimeter/data_raw.from_tf=true"]
-    reader = BagReader.foreign(tmp_path / "bag", None, options)
+    reader = BagReader(tmp_path / "bag", drivers=options)
     assert mounted(scenario(), reader.entrance.drivers).gravimeter.lever_arm == (1.0, 0.0, -3.0)
     # what a recorder keeps of it has no need to look again
     assert placed(Entrance.of(reader.entrance.text(), {}), None) == reader.entrance

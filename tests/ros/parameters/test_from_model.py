@@ -9,7 +9,7 @@ from rcl_interfaces.msg import ParameterType
 
 from isogal.scenario import Scenario, load_scenario, validate_scenario
 from isogal_ros.graph import parameter_reference
-from isogal_ros.graph.parameter_files import scenario_of, values_of
+from isogal_ros.graph.parameter_files import ParameterFile
 from isogal_ros.graph.plan import CLASSES, node_class
 from isogal_ros.parameters.from_model import limits, parameter_specs
 from isogal_ros.parameters.values import nested, parameter_file, scenario_values
@@ -88,9 +88,8 @@ def test_it_is_up_to_date(file) -> None:
 
 
 def test_it_says_the_defaults() -> None:
-    document = {
-        "/**": yaml.safe_load(parameter_reference.text(of_file=True))["/**"]["ros__parameters"]
-    }
+    document = yaml.safe_load(parameter_reference.text(of_file=True))
+    file = ParameterFile("the file", {"/**": document["/**"]["ros__parameters"]})
     specs = {spec.name: spec.default for spec in parameter_specs(Scenario)}
-    assert values_of(document, "/ukf_fusion_node") == specs
-    assert scenario_of(document, "", "the file") == Scenario()
+    assert file.values("/ukf_fusion_node") == specs
+    assert file.scenario("") == Scenario()

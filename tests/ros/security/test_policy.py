@@ -15,10 +15,6 @@ from isogal_ros.graph.plan import Plan
 from isogal_ros.security.policy import policy
 
 
-def absolute(name: str, node: str) -> str:
-    return f"/{node}/{name[2:]}" if name.startswith("~/") else "/" + name.lstrip("/")
-
-
 @pytest.fixture(scope="module")
 def allowed(scenario):
     """By node: what it may publish, subscribe to, and answer."""
@@ -29,7 +25,7 @@ def allowed(scenario):
         for part in profile:
             (what,) = part.attrib
             assert part.get(what) == "ALLOW"
-            names[what] = {absolute(item.text, node) for item in part}
+            names[what] = {item.text.replace("~", f"/{node}") for item in part}
         found[node] = names
     return found
 
@@ -80,4 +76,4 @@ def test_the_policy_of_a_parameter_file_has_transforms_and_aids(
         for profile in root.iter("profile")
     }
     assert {name for name, found in heard.items() if "/tf_static" in found} == {topics.UKF_FUSION}
-    assert topics.VELOCITY.name in heard[topics.UKF_FUSION]
+    assert f"/{topics.VELOCITY.name}" in heard[topics.UKF_FUSION]

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from helpers.node_bench import bench, played, stamps
 from isogal_ros import topics
-from isogal_ros.faults.campaign import Feed
+from isogal_ros.faults.campaign import player_of, simulated
 from isogal_ros.nodes.health import WARN
 from ukf_fusion_node.sample_checks import (
     LASTS,
@@ -165,7 +165,7 @@ ELBOW = [[-36.6, 146.9, 22.0], [-36.558, 146.9522, 22.0], [-36.5930, 146.9958, 2
 def test_a_sharp_turn_in_a_gap_is_never_silent(scenario) -> None:
     own = "matcher.name=pmht", "matcher.batch_length=30", "matcher.stride=5"
     way = f"route.waypoints={ELBOW}", "route.turn_rate=0.1", "route.duration=540.0"
-    player = Feed(scenario(*way, *own), 0).player()
+    player = player_of(simulated(scenario(*way, *own), 0))
     player.bus.change = lambda topic, data: (
         [] if topic == topics.IMU.name and abs(player.bus.now - 300.0) <= GAP / 2.0 else [data]
     )

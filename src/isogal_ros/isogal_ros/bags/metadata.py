@@ -1,8 +1,7 @@
 """``metadata.yaml`` of a bag, as rosbag2 writes it (version 9)."""
 
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import JsonValue
@@ -28,98 +27,64 @@ class RecordedTopic:
     """Messages written."""
 
 
-@dataclass
-class Contents:
-    """What a bag holds so far."""
-
-    file: str
-    """Name of its MCAP file."""
-    topics: dict[str, RecordedTopic] = field(default_factory=dict)
-    """By name."""
-    messages: int = 0
-    first: int | None = None
-    """Earliest log time, ns."""
-    last: int = 0
-    """Latest log time, ns."""
-    earlier: list[Entry] = field(default_factory=list)
-    """Entries of the bag's files before this one, as ``metadata.yaml`` has them."""
-
-    def count(self, topic: RecordedTopic, log_ns: int) -> None:
-        """Count a message."""
-        topic.count += 1
-        self.messages += 1
-        self.first = log_ns if self.first is None else min(self.first, log_ns)
-        self.last = max(self.last, log_ns)
-
-    def copy(self) -> "Contents":
-        """Return what it holds now, to which nothing is counted any more."""
-        return replace(self, topics={name: replace(one) for name, one in self.topics.items()})
-
-    def information(self) -> Entry:
-        """Return what ``metadata.yaml`` says under ``rosbag2_bagfile_information``."""
-        start = self.first or 0
-        this = file_entry(self.file, start, max(0, self.last - start), self.messages)
-        files = [*self.earlier, this]
-        counts = (entry["message_count"] for entry in files)
-        return {
-            "version": 9,
-            "storage_identifier": "mcap",
-            "duration": this["duration"],
-            "starting_time": this["starting_time"],
-            "message_count": sum(count for count in counts if isinstance(count, int)),
-            "topics_with_message_count": [
-                {
-                    "topic_metadata": {
-                        "name": name,
-                        "type": topic.type,
-                        "serialization_format": "cdr",
-                        "offered_qos_profiles": topic.qos,
-                        "type_description_hash": topic.type_hash,
-                    },
-                    "message_count": topic.count,
-                }
-                for name, topic in self.topics.items()
-            ],
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [entry["path"] for entry in files],
-            "files": [*files],
-            "custom_data": None,
-            "ros_distro": "jazzy",
-        }
-
-
-def file_entry(path: str, start: int = 0, duration: int = 0, count: int = 0) -> Entry:
-    """Return what ``metadata.yaml`` says of a file.
+def information(files: Sequence[Entry], topics: Mapping[str, RecordedTopic]) -> Entry:
+    """Return what ``metadata.yaml`` says under ``rosbag2_bagfile_information``.
 
     Parameters
     ----------
-    path : str
-        Its name.
-    start, duration : int
-        ns; of what nothing is known, zero.
-    count : int
-        Of messages.
+    files : sequence of Entry
+        What it says of each file, the last of which is the one that is written; `file_entry`.
+    topics : mapping
+        Those of the last file, by name.
     """
+    counts = (entry["message_count"] for entry in files)
     return {
-        "path": path,
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "duration": {"nanoseconds": duration},
-        "message_count": count,
+        "version": 9,
+        "storage_identifier": "mcap",
+        "duration": files[-1]["duration"],
+        "starting_time": files[-1]["starting_time"],
+        "message_count": sum(count for count in counts if isinstance(count, int)),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": name,
+                    "type": topic.type,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": topic.qos,
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": topic.count,
+            }
+            for name, topic in topics.items()
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [entry["path"] for entry in files],
+        "files": [*files],
+        "custom_data": None,
+        "ros_distro": "jazzy",
     }
 
 
-def earlier_files(folder: Path, files: Sequence[Path]) -> list[Entry]:
-    """Return the entries of files that ``metadata.yaml`` in a folder has; of others what there is
-    to say without reading them."""
-    known: dict[str, Entry] = {}
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        text = (folder / "metadata.yaml").read_text(encoding="utf-8")
-        document = parse_yaml(text, "metadata.yaml")
-        for entry in document["rosbag2_bagfile_information"]["files"]:
-            if isinstance(entry["message_count"], int):
-                known[entry["path"]] = entry
-    return [known.get(file.name, file_entry(file.name)) for file in files]
+def file_entry(path: str, first: int, last: int, messages: int) -> Entry:
+    """Return what ``metadata.yaml`` says of a file: its name, earliest and latest log time (ns),
+    and number of messages."""
+    return {
+        "path": path,
+        "starting_time": {"nanoseconds_since_epoch": first},
+        "duration": {"nanoseconds": max(0, last - first)},
+        "message_count": messages,
+    }
+
+
+def earlier_files(folder: Path) -> list[Entry]:
+    """Return what ``metadata.yaml`` in a folder says of the files there; nothing where there is
+    none."""
+    path = folder / "metadata.yaml"
+    if not path.exists():
+        return []
+    document = parse_yaml(path.read_text(encoding="utf-8"), str(path))
+    return list(document["rosbag2_bagfile_information"]["files"])
 
 
 def qos_entries(profiles: Iterable[QoSProfile]) -> list[JsonValue]:

@@ -1,13 +1,11 @@
 """Reading recordings, whole or cut off, message by message."""
 
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from pydantic import JsonValue
 
 from isogal.errors import InputError
 from isogal.mcap_files import SUFFIXES, is_damage, numbered, opened, parts, records_of
@@ -46,23 +44,20 @@ class BagReader:
     Raises
     ------
     InputError
-        There is no such bag, it is of another storage format, or not of MCAP.
+        There is no such bag, it is of another storage format, or not of MCAP; or a rule is wrong.
     """
 
     path: Path
+    remap: Sequence[str] = ()
+    """Rules ``FROM:=TO``: how topics are called instead (`Remapping`)."""
+    drivers: Sequence[str] = ()
+    """How messages of sensors come where the recording does not say it: ``TOPIC.KEY=VALUE``."""
     texts: dict[str, str] = field(default_factory=dict)
     """What the recorder kept besides the messages."""
     cut: str | None = None
     """Why the reading ended early; None = the file is whole. Known after reading."""
     types: dict[str, str] = field(default_factory=dict)
     """Message type by topic; filled while reading."""
-    publishers: dict[str, int] = field(default_factory=dict)
-    """How many publishers offered a topic when it was recorded, as far as that is known."""
-    remapping: Remapping = field(default_factory=Remapping)
-    """Names that topics have instead of those recorded."""
-    drivers: Mapping[str, Mapping[str, JsonValue]] = field(default_factory=dict)
-    """How messages of sensors come, by topic, where the recording does not say it."""
-
     _places: dict[Path, int] = field(default_factory=dict)
     """Bytes of each file that were read."""
     _channels: dict[tuple[Path, int], str | None] = field(default_factory=dict)
@@ -71,27 +66,18 @@ class BagReader:
     def __post_init__(self) -> None:
         from mcap.records import Header, Metadata
 
-        self.path = Path(self.path)
+        self.path, self._remapping = Path(self.path), Remapping.parse(self.remap)
         self.files = _find_files(self.path)
         for record in self._records(self.files[0]):
             if isinstance(record, Metadata) and record.name == "isogal":
                 self.texts.update(record.metadata)
             if not isinstance(record, Header | Metadata):  # the texts stand ahead of all else
                 break
-        said = Entrance.of(self.texts.get("entrance", Entrance().text()), self.drivers)
+        said = Entrance.of(
+            self.texts.get("entrance", Entrance().text()), given_drivers(self.drivers)
+        )
         self.entrance = placed(said, lambda _: self._static_transforms())
         self._places.clear()
-
-    @classmethod
-    def foreign(
-        cls, path: Path, remap: Sequence[str] | None, drivers: Sequence[str] | None
-    ) -> "BagReader":
-        """Return a bag of other tools, of which rules ``FROM:=TO`` say how its topics are called,
-        and ``TOPIC.KEY=VALUE`` how messages of sensors come; raises InputError also where one of
-        these is wrong."""
-        return cls(
-            path, remapping=Remapping.parse(remap or ()), drivers=given_drivers(drivers or ())
-        )
 
     def _static_transforms(self) -> Tree:
         found: dict[str, Link] = {}
@@ -115,7 +101,7 @@ class BagReader:
         there."""
         self._places.clear()
         yield from self.new_messages()
-        self.remapping.check(self.path)
+        self._remapping.check(self.path)
 
     def new_messages(self) -> Iterator[Recorded]:
         """Yield the messages that have come since the last one that was read, of a bag that is
@@ -129,12 +115,9 @@ class BagReader:
                 if isinstance(item, Schema):
                     schemas[item.id] = item.name
                 elif isinstance(item, Channel):
-                    topic = self._channels[file, item.id] = self.remapping(item.topic)
+                    topic = self._channels[file, item.id] = self._remapping(item.topic)
                     if topic is not None:
                         self.types[topic] = schemas.get(item.schema_id, "")
-                        # a profile of each, in YAML
-                        offers = item.metadata.get("offered_qos_profiles", "").count("history:")
-                        self.publishers[topic] = offers
                 elif isinstance(item, Message):
                     topic = self._channels[file, item.channel_id]
                     if topic is not None:
@@ -165,19 +148,14 @@ class BagReader:
 def _find_files(path: Path) -> list[Path]:
     if not path.exists():
         raise InputError(f"{path}: no such bag")
-    if path.is_file():
-        if not path.name.endswith(SUFFIXES):
-            how = f"; {_CONVERT}" if path.name.endswith(SQLITE) else ""
-            raise InputError(
-                f"{path}: not an MCAP file by its name; a bag is a folder, or a file that ends in"
-                f" .mcap or .mcap.zstd{how}"
-            )
-        return [path]
-    files = parts(path)
+    files = [path] if path.is_file() and path.name.endswith(SUFFIXES) else parts(path)
     if not files:
-        others = sorted(entry.name for entry in path.iterdir() if entry.name.endswith(SQLITE))
-        hint = f" but {others[0]}; {_CONVERT}" if others else ""
-        raise InputError(f"{path}: no MCAP file in this folder{hint}")
+        entries = path.iterdir() if path.is_dir() else [path]
+        how = f"; {_CONVERT}" if any(one.name.endswith(SQLITE) for one in entries) else ""
+        raise InputError(
+            f"{path}: no MCAP file; a bag is a folder with files that end in .mcap or .mcap.zstd,"
+            f" or one of these{how}"
+        )
     if len(files) > 1 and not numbered(files):
         raise InputError(
             f"{path}: {len(files)} MCAP files that are not parts of one bag; give one of them:"

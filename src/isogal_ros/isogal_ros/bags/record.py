@@ -2,23 +2,22 @@
 them: of a bag, also while it is written."""
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
-from typing import TypedDict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import NavSatStatus
 
 from isogal.arrays import Array
 from isogal.cli.errors import note
 from isogal.earth.frames import horizontal_difference
-from isogal.evaluation.records import RunDetail, Runs, Texts
+from isogal.evaluation.records import RunDetail, Runs
 from isogal.evaluation.view.record import Event
 from isogal.fix import Candidates, Fix, Status
 from isogal.maps.channels import channels_of
 from isogal.maps.several import RunMap, first_map
-from isogal.maps.tiled_map import ScalarMap
 from isogal.scenario import Scenario
 from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader, topic_of
@@ -28,12 +27,13 @@ from isogal_ros.messages.drivers import type_taken
 from isogal_ros.messages.fix_information import read_fix
 from isogal_ros.messages.point import read_candidates
 from isogal_ros.messages.position import read_covariance, read_place
-from isogal_ros.messages.prepared import Reader, decoded, peek_ns
+from isogal_ros.messages.prepared import decoded, peek_ns
 from isogal_ros.messages.stamps import from_seconds, to_ns, to_seconds
 from isogal_ros.nodes.health import figures_of
 from isogal_ros.topics import Topic, type_name
 
 LEVELS = {
+    DiagnosticStatus.OK: "OK",
     DiagnosticStatus.WARN: "WARN",
     DiagnosticStatus.ERROR: "ERROR",
     DiagnosticStatus.STALE: "STALE",
@@ -71,17 +71,16 @@ class Collector:
         """Diagnostics that are not OK."""
         self.namespace: str | None = None
         """Of the nodes whose diagnostics are kept; None = of all."""
-        first, *others = scenario.each_field
+        first, *others = (adapter_of(one).reduced for one in scenario.each_field)
         self.others = tuple({} for _ in others)
         self._plain: dict[Topic, dict[int, bytes]] = {
             topics.TRUTH_FIX: self.truth,
             topics.INS_FIX: self.unaided,
             topics.FIX: self.fixes,
             topics.CANDIDATES: self.candidates,
-            adapter_of(first).reduced: self.readings,
+            first: self.readings,
+            **dict(zip(others, self.others, strict=True)),
         }
-        for one, readings in zip(others, self.others, strict=True):
-            self._plain[adapter_of(one).reduced] = readings
 
     def topics(self) -> tuple[Topic, ...]:
         """Return the topics that are wanted."""
@@ -97,14 +96,19 @@ class Collector:
             self.last_nav[ns] = data
         elif topic is topics.NAV_AIDS:
             array = deserialize_message(data, topics.NAV_AIDS.type)
-            time = to_seconds(to_ns(array.header.stamp))
             self.aids += [
-                Event(time, LEVELS.get(item.level, "OK"), item.name, item.message)
-                for item in array.status
-                if not item.name.endswith(topics.NAVIGATOR)
+                one for one in _events(array) if not one.source.endswith(topics.NAVIGATOR)
             ]
         elif topic is topics.DIAGNOSTICS:
-            self._take_diagnostics(data)
+            array = deserialize_message(data, topics.DIAGNOSTICS.type)
+            for item, event in zip(array.status, _events(array), strict=True):
+                if self.namespace not in (None, item.name.rpartition("/")[0]):
+                    continue
+                if event.level != "OK":
+                    self.said.append(event)
+                if item.name.endswith(f"{topics.PMHT_MM}: batch"):
+                    figures = figures_of(item) | {"message": item.message}
+                    self.batches[from_seconds(float(figures["stamp"]))] = figures
 
     def take_bag(self, reader: BagReader) -> None:
         """Keep what a bag holds; of other graphs' diagnostics in it, nothing."""
@@ -122,37 +126,14 @@ class Collector:
         """Return the fix of a stamp."""
         return read_fix(deserialize_message(self.fixes[ns], topics.FIX.type)).fix
 
-    def _take_diagnostics(self, data: bytes) -> None:
-        if _one_that_is_ok(data):
-            return
-        try:
-            array = decoded(data, topics.DIAGNOSTICS.type)
-        except BadMessageError:
-            return
-        for item in array.status:
-            if self.namespace not in (None, item.name.rpartition("/")[0]):
-                continue
-            if item.level != DiagnosticStatus.OK:
-                level = LEVELS.get(item.level, "ERROR")
-                time = to_seconds(to_ns(array.header.stamp))
-                self.said.append(Event(time, level, item.name, item.message))
-            if item.name.endswith(f"{topics.PMHT_MM}: batch"):
-                figures = figures_of(item) | {"message": item.message}
-                self.batches[from_seconds(float(figures["stamp"]))] = figures
 
-
-def _one_that_is_ok(data: bytes) -> bool:
-    """Whether serialised diagnostics are of one status, which is OK, as nearly all are: decoding
-    each takes longer than all else of a recording."""
-    content = Reader(data)
-    try:
-        content.stamp()
-        content.text()
-        (count,) = content.take("I")
-        (level,) = content.take("B")
-    except BadMessageError:
-        return False
-    return bool(count == 1 and bytes([int(level)]) == DiagnosticStatus.OK)
+def _events(array: DiagnosticArray) -> list[Event]:
+    """Return what diagnostics say."""
+    time = to_seconds(to_ns(array.header.stamp))
+    return [
+        Event(time, LEVELS.get(item.level, "ERROR"), item.name, item.message)
+        for item in array.status
+    ]
 
 
 def wanted_messages(
@@ -180,7 +161,6 @@ def wanted_messages(
             kind = reader.types[name]
             try:
                 data = reader.entrance.take_serialised(topic, message.data, kind, message.log_ns)
-                peek_ns(data)  # which has to be there
                 _require_whole(topic, data)
             except BadMessageError as error:
                 left_out.setdefault(name, []).append(str(error))
@@ -191,19 +171,16 @@ def wanted_messages(
 
 
 _PLACES = topics.NAV_FIX, topics.TRUTH_FIX, topics.INS_FIX
-_UNCHECKED = topics.IMU, topics.DIAGNOSTICS
-"""Topics whose readers look themselves whether messages are whole: there are many."""
 
 
 def _require_whole(topic: Topic, data: bytes) -> None:
     """Raise BadMessageError unless a serialised message can be read, and a position is of a
     place."""
-    if topic not in _UNCHECKED:
-        message = decoded(data, topic.type)
-        if topic in _PLACES:
-            place = read_place(message)
-            if message.status.status == NavSatStatus.STATUS_NO_FIX and place == (0.0, 0.0):
-                raise BadMessageError("no fix, and therefore no position")
+    message = decoded(data, topic.type)
+    if topic in _PLACES:
+        place = read_place(message)
+        if message.status.status == NavSatStatus.STATUS_NO_FIX and place == (0.0, 0.0):
+            raise BadMessageError("no fix, and therefore no position")
 
 
 LONGEST_GAP = 10_000_000_000
@@ -259,122 +236,74 @@ def gaps(collector: Collector) -> list[list[float]]:
     return [[to_seconds(stamps[i]), to_seconds(stamps[i + 1])] for i in missing.tolist()]
 
 
-class FixRecord(TypedDict):
-    """The fields of `Runs` about fixes."""
-
-    fix_time: Array
-    fix_error: Array
-    fix_covariance: Array
-    fix_status: Texts
-    fix_reason: Texts
-    posterior_error: Array
-    posterior_covariance: Array
-    fix_seconds: Array
-
-
-def record_of(
-    collector: Collector, field_map: RunMap, without_readings: bool = False
-) -> Runs | None:
+def record_of(collector: Collector, field_map: RunMap) -> Runs | None:
     """Return the record of the run; None where truth or navigation is missing, or no scan is
-    covered by both. Without readings, where that is allowed, each state stands for a scan."""
+    covered by both. Without any readings each state stands for a scan."""
     truth, last_nav = Places(collector.truth), Places(collector.last_nav)
-    stamps_of_scans = _scans(collector)
-    if without_readings and not collector.readings:
-        stamps_of_scans = collector.last_nav
-    scans = sorted(ns for ns in stamps_of_scans if ns in truth and ns in last_nav)
+    first_nav, unaided = Places(collector.first_nav), Places(collector.unaided)
+    scans = _known(_scans(collector), truth, last_nav)
     if not scans:
         return None
     start = next(ns for ns in sorted({*collector.last_nav, scans[0]}) if ns in truth)
     stamps = ([start] if start < scans[0] else []) + scans
-    places = truth.at(stamps)
-    nav, unaided = last_nav.at(stamps), Places(collector.unaided).at(stamps)
-    ends = _batch_ends(collector, truth, last_nav)
+    places, nav = truth.at(stamps), last_nav.at(stamps)
+    retrodiction = collector.scenario.matcher.mode == "retrodiction"
+    # which publishes a fix for each scan: only the batch ends have figures in the diagnostics
+    batches = collector.batches.keys() if retrodiction else collector.fixes.keys()
+    ends = _known(batches & collector.fixes.keys(), truth, last_nav)
+    fixes = [collector.fix(ns) for ns in ends]
+    said = [collector.batches.get(ns, {}) for ns in ends]
+    outcomes = [_outcome(*both) for both in zip(fixes, said, strict=True)]
+    published = np.array([fix.published for fix in fixes], dtype=bool)
+    fix_places = np.array([[fix.latitude, fix.longitude] for fix in fixes]).reshape(-1, 2)
+    fix_error = horizontal_difference(*fix_places.T, *truth.at(ends).T)
+    fix_covariance = np.array([fix.covariance for fix in fixes]).reshape(-1, 2, 2)
+    readings = [ns for ns in scans if ns in collector.readings]
+    field = channels_of(first_map(field_map))[0]
+    adapter = adapter_of(collector.scenario.each_field[0])
     return Runs(
         time=np.array([to_seconds(ns) for ns in stamps]),
         latitude=places[:, 0],
         longitude=places[:, 1],
         error=horizontal_difference(*nav.T, *places.T)[None],
-        covariance=np.stack([_covariance(last_nav.before(ns)) for ns in stamps])[None],
-        unaided_error=horizontal_difference(*unaided.T, *places.T)[None],
-        **_fix_record(collector, ends, truth, last_nav),
-        detail=_detail(
-            collector,
-            [ns for ns in scans if ns in collector.readings],
-            ends,
-            channels_of(first_map(field_map))[0],
+        covariance=_covariances(last_nav, stamps),
+        unaided_error=horizontal_difference(*unaided.at(stamps).T, *places.T)[None],
+        fix_time=np.array([to_seconds(ns) for ns in ends]),
+        fix_error=np.where(published[:, None], fix_error, np.nan)[None],
+        fix_covariance=np.where(published[:, None, None], fix_covariance, np.nan)[None],
+        fix_status=np.array([[status for status, _ in outcomes]], dtype=np.str_),
+        fix_reason=np.array([[reason for _, reason in outcomes]], dtype=np.str_),
+        posterior_error=horizontal_difference(*last_nav.at(ends).T, *truth.at(ends).T)[None],
+        posterior_covariance=_covariances(last_nav, ends),
+        fix_seconds=np.array([[float(one.get("seconds", "nan")) for one in said]]),
+        detail=RunDetail(
+            scan_time=np.array([to_seconds(ns) for ns in readings]),
+            reading=np.array([_reading(adapter, collector.readings[ns]) for ns in readings]),
+            map_value=field.value(*truth.at(readings).T),
+            map_value_navigator=field.value(*first_nav.at(readings).T),
+            **RunDetail.flatten([_candidates(collector.candidates.get(ns)) for ns in ends]),
         ),
     )
 
 
+def _known(stamps: Iterable[int], *each: Places) -> list[int]:
+    """Return the stamps, in order, at which all of some positions are known."""
+    return sorted(ns for ns in stamps if all(ns in places for places in each))
+
+
 def _scans(collector: Collector) -> Iterable[int]:
     """Return the stamps of scans; those of several fields have one schedule."""
-    if not collector.others:
-        return collector.readings
+    if not (collector.readings and collector.others):
+        return collector.readings or collector.last_nav
     interval = from_seconds(collector.scenario.scan_interval)
     return (ns for ns in collector.truth if ns > 0 and ns % interval == 0)
 
 
-def _batch_ends(collector: Collector, truth: Places, last_nav: Places) -> list[int]:
-    """List the stamps of the batches' ends at which truth and navigation are known.
-
-    Retrodiction publishes a fix for each scan: only the batch ends have figures in the
-    diagnostics."""
-    retrodiction = collector.scenario.matcher.mode == "retrodiction"
-    return sorted(
-        ns
-        for ns in (collector.batches if retrodiction else collector.fixes)
-        if ns in collector.fixes and ns in truth and ns in last_nav
-    )
-
-
-def _fix_record(
-    collector: Collector, ends: list[int], truth: Places, last_nav: Places
-) -> FixRecord:
-    count = len(ends)
-    error, posterior = np.full((count, 2), np.nan), np.full((count, 2), np.nan)
-    covariance = np.full((count, 2, 2), np.nan)
-    statuses, reasons = [Status.FIX.value] * count, [""] * count
-    places, nav = truth.at(ends), last_nav.at(ends)
-    for i, ns in enumerate(ends):
-        fix = collector.fix(ns)
-        if fix.published:
-            error[i] = horizontal_difference(fix.latitude, fix.longitude, *places[i])
-            covariance[i] = fix.covariance
-        else:
-            said = collector.batches.get(ns, {})
-            reasons[i] = said.get("message") or "not said"
-            statuses[i] = said.get("status", Status.DECLINED.value)
-        posterior[i] = horizontal_difference(*nav[i], *places[i])
-    posterior_covariance = np.array([_covariance(last_nav.before(ns)) for ns in ends])
-    return {
-        "fix_time": np.array([to_seconds(ns) for ns in ends]),
-        "fix_error": error[None],
-        "fix_covariance": covariance[None],
-        "fix_status": np.array([statuses], dtype=np.str_),
-        "fix_reason": np.array([reasons], dtype=np.str_),
-        "posterior_error": posterior[None],
-        "posterior_covariance": posterior_covariance.reshape(1, count, 2, 2),
-        "fix_seconds": _figures(collector, ends, "seconds")[None],
-    }
-
-
-def _detail(
-    collector: Collector, scans: list[int], ends: list[int], field_map: ScalarMap
-) -> RunDetail:
-    adapter = adapter_of(collector.scenario.each_field[0])
-    truth, seen = Places(collector.truth).at(scans), Places(collector.first_nav).at(scans)
-    return RunDetail(
-        scan_time=np.array([to_seconds(ns) for ns in scans]),
-        reading=np.array([_reading(adapter, collector.readings[ns]) for ns in scans]),
-        map_value=field_map.value(truth[:, 0], truth[:, 1]),
-        map_value_navigator=field_map.value(seen[:, 0], seen[:, 1]),
-        **RunDetail.flatten([_candidates(collector.candidates.get(ns)) for ns in ends]),
-    )
-
-
-def _figures(collector: Collector, stamps: list[int], name: str) -> Array:
-    """Return one of the matcher's figures at each stamp; NaN where no batch ended."""
-    return np.array([float(collector.batches.get(ns, {}).get(name, "nan")) for ns in stamps])
+def _outcome(fix: Fix, said: Mapping[str, str]) -> tuple[str, str]:
+    """Return status and reason of a batch."""
+    if fix.published:
+        return Status.FIX.value, ""
+    return said.get("status", Status.DECLINED.value), said.get("message") or "not said"
 
 
 def _candidates(data: bytes | None) -> Candidates | None:
@@ -393,9 +322,12 @@ def _reading(adapter: Adapter, data: bytes) -> float:
         return float("nan")
 
 
-def _covariance(data: bytes) -> Array:
-    """Return the horizontal covariance (2, 2) of a NavSatFix, m²; NaN where it is not known."""
-    try:
-        return read_covariance(deserialize_message(data, topics.NAV_FIX.type))[:2, :2]
-    except BadMessageError:  # of another navigator's, or of a receiver's
-        return np.full((2, 2), np.nan)
+def _covariances(messages: Places, stamps: Sequence[int]) -> Array:
+    """Return the horizontal covariances (1, n, 2, 2), m², of NavSatFix messages at stamps, or the
+    last before them; NaN where they are not known."""
+    found = np.full((1, len(stamps), 2, 2), np.nan)
+    for row, ns in zip(found[0], stamps, strict=True):
+        with suppress(BadMessageError):  # of another navigator's, or of a receiver's
+            message = deserialize_message(messages.before(ns), topics.NAV_FIX.type)
+            row[:] = read_covariance(message)[:2, :2]
+    return found

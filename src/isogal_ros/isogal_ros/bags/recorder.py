@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -78,7 +78,6 @@ class RecorderNode(GraphNode[RecorderSettings]):
         """The time, and that of the navigator, ns."""
         self._inertial, self._has_inertial = inertial_topics(self.scenario.ins), False
         self._jumps = TimeJumps(JUMP, back=True)
-        self._written = 0
         self.watch("short of disk space", self._disk)
         for topic in topics_in_use(self.scenario):
             self._record(topic)
@@ -156,18 +155,11 @@ class RecorderNode(GraphNode[RecorderSettings]):
 
     def _beat(self) -> None:
         if self.active and not self.finished:
-            try:
-                self._tell()
-            except OSError as error:
-                self._failed_to_write(error)
+            self._bring_out(self.writer.flush)
+            self.health.figures |= {"messages": self.writer.messages, "bag": self.settings.bag}
+            if not self.finished:
+                self.health.state(OK, "recording")
         super()._beat()
-
-    def _tell(self) -> None:
-        if self.writer.messages != self._written:
-            self._written = self.writer.messages
-            self.writer.flush()
-        self.health.figures |= {"messages": self.writer.messages, "bag": self.settings.bag}
-        self.health.state(OK, "recording")
 
     def received(self) -> int | None:
         """Count the messages written."""
@@ -175,19 +167,20 @@ class RecorderNode(GraphNode[RecorderSettings]):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Finish the bag."""
-        self._finish()
+        self._bring_out(self.writer.close)
         return super().on_cleanup(state)
 
     def close(self, timeout: float = 1.0) -> None:
         """Destroy the node and finish the bag."""
         if self.configured:
-            self._finish()
+            self._bring_out(self.writer.close)
             self.get_logger().info(f"{self.writer.messages} messages recorded")
         super().close(timeout)
 
-    def _finish(self) -> None:
+    def _bring_out(self, write: Callable[[], None]) -> None:
+        """Bring to the disk what is not there."""
         try:
-            self.writer.close()
+            write()
         except OSError as error:
             self._failed_to_write(error)
 

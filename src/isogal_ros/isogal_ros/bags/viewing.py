@@ -48,14 +48,14 @@ def open_bag(
     scenario : Scenario, optional
         None = the bag's own; where it has none, there is no map.
     remap, drivers : sequence of str, optional
-        How it is as the graph's own (`BagReader.foreign`).
+        How it is as the graph's own (`BagReader`).
 
     Raises
     ------
     InputError
         The bag or its map cannot be read, or it has no two positions of the navigator.
     """
-    reader = BagReader.foreign(bag, remap, drivers)
+    reader = BagReader(bag, remap or (), drivers or ())
     scenario = scenario or reader.scenario()
     collector = Collector(scenario or Scenario())
     collector.take_bag(reader)
@@ -70,7 +70,9 @@ def open_bag(
         field_map: RouteMap = _no_map(Places(collector.last_nav).at(sorted(collector.last_nav)))
     else:
         field_map = first_map(maps_for_scenario(scenario, build_trajectory(scenario)))
-    viewed = viewed_run(collector, field_map, _title(bag), without_readings=True)
+    folder = bag.resolve()
+    title = folder.parent.name if folder.name == "bag" else folder.name
+    viewed = viewed_run(collector, field_map, title)
     if viewed is None:
         raise InputError(f"{bag}: has no reading of which nav/fix says where it was taken")
     return replace(viewed, has_map=scenario is not None), field_map
@@ -88,28 +90,17 @@ def _no_map(places: Array) -> FieldMap:
     return FieldMap(latitude, longitude, values, unit, "gravity", provenance="no map")
 
 
-def viewed_run(
-    collector: Collector, field_map: "RouteMap", title: str, *, without_readings: bool = False
-) -> ViewedRun | None:
-    """Return what was collected so far; None before the first scan.
+def viewed_run(collector: Collector, field_map: "RouteMap", title: str) -> ViewedRun | None:
+    """Return what was collected so far, by the map that it was matched against; None before the
+    first scan.
 
     Where nobody recorded the truth, as on a real voyage, the record's positions are those that the
-    navigator believes in.
-
-    Parameters
-    ----------
-    field_map : RouteMap
-        That it was matched against.
-    title : str
-        Shown.
-    without_readings : bool
-        Whether states stand for scans where there are no readings.
-    """
+    navigator believes in."""
     is_true = bool(collector.truth)
     if not is_true:
         collector = copy(collector)
         collector.truth = collector.last_nav
-    runs = record_of(collector, field_map, without_readings)
+    runs = record_of(collector, field_map)
     if runs is None:
         return None
     scenario, aids = collector.scenario, uses_of(collector.aids)
@@ -133,9 +124,3 @@ def uses_of(said: Sequence[Event]) -> list[AidUse]:
         last[one.source] = len(found)
         found.append(AidUse(one.source, time, time, used, one.text))
     return found
-
-
-def _title(bag: Path) -> str:
-    """Return the name of the run's folder, or of the bag."""
-    folder = bag.resolve()
-    return folder.parent.name if folder.name == "bag" else folder.name

@@ -1,16 +1,14 @@
 """Writing recordings as ``ros2 bag record -s mcap`` lays them out: a folder with one MCAP file and
 ``metadata.yaml``.
 
-The file is written in small chunks straight to the disk, and the scenario goes first: where the
-recorder is killed, the file can be read up to the last whole chunk (`isogal_ros.bags.reader`).
-Where the disk is full, the file is ended there."""
+The file is written in small chunks, and the scenario goes first: where the recorder is killed, or
+the disk is full, the file can be read up to the last whole chunk (`isogal_ros.bags.reader`)."""
 
-import errno
 import os
 import re
 import sys
 import time
-from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
@@ -25,10 +23,11 @@ from isogal.files import make_folder, write_atomic
 from isogal.mcap_files import parts
 from isogal.scenario import Scenario
 from isogal_ros.bags.metadata import (
-    Contents,
     Entry,
     RecordedTopic,
     earlier_files,
+    file_entry,
+    information,
     qos_entries,
 )
 from isogal_ros.messages.prepared import serialised
@@ -105,21 +104,22 @@ class BagWriter:
         if not earlier:
             prepare_folder(self.folder, self.replace)
         self.path = self.folder / f"{self.folder.resolve().name}_{len(earlier)}.mcap"
-        self._contents = Contents(self.path.name, earlier=earlier_files(self.folder, earlier))
+        self._earlier = earlier_files(self.folder)
+        self._topics: dict[str, RecordedTopic] = {}
+        self._first: int | None = None
+        self._last = 0
+        """Earliest and latest log time, ns."""
+        self.messages = 0
+        """Number of messages written."""
         self._schemas: dict[str, int] = {}
-        self._stream = _Stream(self.path)
+        self._failed = False
+        self._stream = self.path.open("wb")
         compression = CompressionType.ZSTD if self.compress else CompressionType.NONE
         self._writer = Writer(self._stream, chunk_size=CHUNK, compression=compression)
         self._writer.start(profile="ros2", library="isogal")
         if self.texts:
             self._writer.add_metadata("isogal", self.texts)
-        self._whole: deque[tuple[int, Contents]] = deque(maxlen=2)
         self._write_out()
-
-    @property
-    def messages(self) -> int:
-        """Number of messages written."""
-        return self._contents.messages
 
     def add_topic(self, topic: str, type_name: str, qos: list[JsonValue], type_hash: str) -> None:
         """Make a topic known; its first message must not come before.
@@ -141,15 +141,15 @@ class BagWriter:
             )
         details = {"offered_qos_profiles": yaml_text(qos), "topic_type_hash": type_hash}
         channel = self._writer.register_channel(topic, "cdr", self._schemas[type_name], details)
-        self._contents.topics[topic] = RecordedTopic(channel, type_name, qos, type_hash)
+        self._topics[topic] = RecordedTopic(channel, type_name, qos, type_hash)
 
     def knows(self, topic: str) -> bool:
         """Whether the topic was added."""
-        return topic in self._contents.topics
+        return topic in self._topics
 
     def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int) -> None:
-        """Write one serialised message; raises OSError where the disk is full. Nothing more can be
-        written then, and `close` ends the file where it was whole.
+        """Write one serialised message; raises OSError where the disk is full, after which
+        nothing more can be written.
 
         Parameters
         ----------
@@ -159,11 +159,14 @@ class BagWriter:
         log_ns, publish_ns : int
             When it was received and sent, ns.
         """
-        entry = self._contents.topics[topic]
-        self._writer.add_message(entry.channel, log_ns, data, publish_ns, entry.count)
-        self._contents.count(entry, log_ns)
-        if self._stream.tell() != self._whole[-1][0]:
-            self._note_whole()
+        entry = self._topics[topic]
+        self._do(
+            lambda: self._writer.add_message(entry.channel, log_ns, data, publish_ns, entry.count)
+        )
+        entry.count += 1
+        self.messages += 1
+        self._first = log_ns if self._first is None else min(self._first, log_ns)
+        self._last = max(self._last, log_ns)
 
     def put(self, topic: Topic, message: Message, ns: int) -> None:
         """Write a message of a time (ns) on a topic of the graph, see `write`."""
@@ -179,54 +182,48 @@ class BagWriter:
             self._write_out()
 
     def close(self) -> None:
-        """Finish the file and its metadata; a file that could not be written to is ended where it
-        was whole. Raises OSError where that is found only now."""
-        if self._stream.broken:
-            self._end_early()
-            return
-        try:
-            self._writer.flush()
-            self._note_whole()
-            text = yaml_text(self._contents.information())
-            self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
-            self._writer.finish()
-            self._write_metadata()
-            self._stream.close()
-        except OSError:
-            self._end_early()
-            raise
+        """Finish the file and its metadata; one that could not be written to ends where it was
+        whole. Raises OSError where that is found only now."""
+        if not self._failed:
+            self._do(self._finish)
 
-    def _end_early(self) -> None:
-        """End the file behind its last whole chunk, or behind the one before where that leaves no
-        room for the end; without an index, which readers make of the chunks."""
-        for position, contents in reversed(self._whole):
-            self._contents = contents
-            try:
-                self._stream.cut(position)
-                self._stream.write(_end_without_index())
-                self._write_metadata()
-                break
-            except OSError:
-                continue
-        self._stream.file.close()
+    def _finish(self) -> None:
+        text = yaml_text(self._information())
+        self._writer.flush()
+        self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
+        self._writer.finish()
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+        self._stream.close()
+        self._write_metadata()
 
-    def _note_whole(self) -> None:
-        """Note that the file can end here, with what it holds."""
-        self._whole.append((self._stream.tell(), self._contents.copy()))
+    def _information(self) -> Entry:
+        this = file_entry(self.path.name, self._first or 0, self._last, self.messages)
+        return information([*self._earlier, this], self._topics)
 
     def _write_out(self) -> None:
         self._flushed = time.monotonic()
-        self._writer.flush()
-        self._note_whole()
+        self._do(self._writer.flush)
         self._write_metadata()
 
+    def _do(self, write: Callable[[], None]) -> None:
+        """Write something; where that fails, nothing more, since the end of the file is broken."""
+        if self._failed:
+            raise OSError("an earlier write has failed")
+        try:
+            write()
+        except OSError:
+            self._failed = True
+            self._stream.raw.close()  # with what the buffer holds
+            raise
+
     def _write_metadata(self) -> None:
-        document: Entry = {"rosbag2_bagfile_information": self._contents.information()}
+        document: Entry = {"rosbag2_bagfile_information": self._information()}
         try:
             write_atomic(self.folder / "metadata.yaml", yaml_text(document))
         except InputError as error:
-            self._stream.broken = True
-            raise OSError(errno.EIO, str(error).rpartition(": ")[2]) from None
+            self._failed = True
+            raise OSError(str(error).rpartition(": ")[2]) from None
 
 
 def scenario_text(scenario: Scenario) -> str:
@@ -237,76 +234,14 @@ def scenario_text(scenario: Scenario) -> str:
 def prepare_folder(folder: Path, replace: bool) -> None:
     """Make the folder of a new bag; raises InputError where it holds something else, or a bag that
     must stay."""
-    if folder.exists():
-        if not folder.is_dir():
-            raise InputError(f"{folder}: is a file; a bag needs a folder")
-        entries = list(folder.iterdir())
-        others = [
-            entry.name
-            for entry in entries
-            if not (entry.name == "metadata.yaml" or entry.suffix == ".mcap")
-        ]
-        if others:
+    entries = list(folder.iterdir()) if folder.is_dir() else []
+    for entry in entries:
+        if entry.name != "metadata.yaml" and entry.suffix != ".mcap":
             raise InputError(
-                f"{folder}: holds something else than a bag ({others[0]}); give another folder"
+                f"{folder}: holds something else than a bag ({entry.name}); give another folder"
             )
-        if entries and not replace:
-            raise InputError(f"{folder}: there is a bag already; give another folder")
-        for entry in entries:
-            entry.unlink()
+    if entries and not replace:
+        raise InputError(f"{folder}: there is a bag already; give another folder")
+    for entry in entries:
+        entry.unlink()
     make_folder(folder)
-
-
-def _end_without_index() -> bytes:
-    """Return what an MCAP file ends with that has no summary."""
-    from mcap.data_stream import RecordBuilder
-    from mcap.records import DataEnd, Footer
-    from mcap.writer import MCAP0_MAGIC
-
-    records = RecordBuilder()
-    DataEnd(0).write(records)
-    Footer(0, 0, 0).write(records)
-    return bytes(records.end() + MCAP0_MAGIC)
-
-
-class _Stream:
-    """A file without buffer: a chunk that was written is kept even where this process is killed.
-
-    Given a raw file, mcap's writer would put a buffer of its own around it."""
-
-    def __init__(self, path: Path) -> None:
-        self.file, self._end = path.open("wb", buffering=0), 0
-        self.broken = False
-        """Whether a write has failed: what follows would not belong to what is there."""
-
-    def write(self, data: bytes) -> int:
-        """Write all of it."""
-        if self.broken:
-            raise OSError(errno.EIO, "an earlier write has failed")
-        rest = memoryview(data)
-        try:
-            while rest:
-                rest = rest[self.file.write(rest) :]
-        except OSError:
-            self.broken = True
-            raise
-        self._end += len(data)
-        return len(data)
-
-    def cut(self, position: int) -> None:
-        """Go on at an earlier position, behind which the file is cut off."""
-        self.file.truncate(position)
-        self.file.seek(position)
-        self._end, self.broken = position, False
-
-    def tell(self) -> int:
-        """Return the position."""
-        return self._end  # without asking the system: with each message it is looked at
-
-    def flush(self) -> None:
-        """Do nothing: there is no buffer."""
-
-    def close(self) -> None:
-        """Bring it to the disk and close it."""
-        os.fsync(self.file.fileno())
-        self.file.close()

@@ -5,14 +5,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Time as Stamp
 from geometry_msgs.msg import AccelWithCovarianceStamped
 from nav_msgs.msg import Odometry
+from rclpy.time import Time
 from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
 
 from isogal_ros import topics
 from isogal_ros.messages.drivers import field_at, set_field
-from isogal_ros.messages.stamps import from_seconds, set_stamp, to_ns
+from isogal_ros.messages.stamps import from_seconds, to_ns
 from isogal_ros.topics import Message, Topic
 
 
@@ -80,10 +81,9 @@ def _set(value: object, path: str = "") -> Change:
 
     def change(message: Message, moment: Moment) -> Sequence[Message]:
         name = path or _VALUES[type(message)]
-        whole = name == "data"
-        old = 0.0 if whole else field_at(message, name)
-        new = value(old, moment) if callable(value) else value
-        new = np.full(len(message.data) // 8, new).tobytes() if whole else new
+        new = value(field_at(message, name), moment) if callable(value) else value
+        if name == "data":
+            new = np.full(len(message.data) // 8, new).tobytes()
         set_field(message, name, new)
         return [message]
 
@@ -91,7 +91,7 @@ def _set(value: object, path: str = "") -> Change:
 
 
 def _stuck(path: str) -> Change:
-    return _set(lambda _old, moment: field_at(moment.came[0], path), path)
+    return _set(lambda _, moment: field_at(moment.came[0], path), path)
 
 
 def _entry(path: str, index: int, number: float) -> Change:
@@ -100,12 +100,11 @@ def _entry(path: str, index: int, number: float) -> Change:
 
 
 def _shift(seconds: Callable[[Moment], float]) -> Change:
-    def change(message: Message, moment: Moment) -> Sequence[Message]:
-        stamp = message.header.stamp
-        set_stamp(stamp, max(to_ns(stamp) + from_seconds(seconds(moment)), 0))
-        return [message]
+    def shifted(stamp: Stamp, moment: Moment) -> Stamp:
+        ns = max(to_ns(stamp) + from_seconds(seconds(moment)), 0)
+        return Time(nanoseconds=ns).to_msg()
 
-    return change
+    return _set(shifted, "header.stamp")
 
 
 def _once(change: Change) -> Change:
@@ -113,28 +112,26 @@ def _once(change: Change) -> Change:
 
 
 def _copies(count: int) -> Change:
-    return lambda message, _moment: [message] * count
+    return lambda message, _: [message] * count
 
 
 def _every_second(message: Message, moment: Moment) -> Sequence[Message]:
     return [message] if len(moment.came) % 2 else []
 
 
-def _of(
-    source: str, lasts: float, *more: tuple[str, Change, *tuple[float, ...]]
-) -> tuple[Fault, ...]:
+def _of(source: str, lasts: float, *more: tuple[str, Change, *tuple[float, ...]]) -> list[Fault]:
     """Return the faults that messages of every source may have, and more of one source: name,
     effect, and how long it lasts (s) and whether it matters, where that is not as usual."""
     every: tuple[tuple[str, Change, *tuple[float, ...]], ...] = (
         ("NaN", _set(math.nan)),
         ("infinite", _set(math.inf)),
         ("wrong frame", _set("camera", "header.frame_id")),
-        ("stamps of zero", _set(Time(), "header.stamp")),
+        ("stamps of zero", _set(Stamp(), "header.stamp")),
     )
-    return tuple(
+    return [
         Fault(f"{source} {name}", (source,), change, *(rest or (lasts,)))
         for name, change, *rest in every + more
-    )
+    ]
 
 
 _FORCE, _RATE = "linear_acceleration", "angular_velocity"

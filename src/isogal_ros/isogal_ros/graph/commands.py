@@ -3,19 +3,16 @@ of the input to the report, what they print, and their exit status. Results go t
 all else to standard error."""
 
 import os
-import time
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from threading import Thread, get_native_id
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 from pydantic import JsonValue
 
 from isogal.cli.errors import INTERRUPTED, note
 from isogal.cli.tables import print_json, print_table
-from isogal.errors import InputError
 from isogal.evaluation.figures import style
 from isogal.evaluation.html_report import number
 from isogal.evaluation.results import Summary
@@ -23,7 +20,6 @@ from isogal.evaluation.run_report import key_figures, run_report
 from isogal.fields.derived_maps import shared_maps
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.files import make_folder
-from isogal.fusion.smoothed_track import write_smoothed
 from isogal.maps.several import RunMap, first_map
 from isogal.scenario import Scenario, changed_scenario, load_scenario
 from isogal.sensors.trajectory import Trajectory, build_trajectory
@@ -31,12 +27,12 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Collector, gaps, record_of
 from isogal_ros.bags.writer import prepare_folder
-from isogal_ros.graph.domain import DISCOVERY, DOMAIN, users_domain
+from isogal_ros.graph.domain import users_domain
 from isogal_ros.graph.parameter_files import filter_parameters
 from isogal_ros.graph.plan import GraphError, Plan, checked
 from isogal_ros.graph.replay import Replay, replay
 from isogal_ros.graph.running import run_in_process, run_processes
-from isogal_ros.graph.smoothing import WHOLE, keep_recording, smoothed_bag, thinned, write_bag
+from isogal_ros.graph.smoothing import WHOLE, keep_recording, smoothed_files
 from isogal_ros.graph.watching import Watch, watching
 from isogal_ros.nodes.signals import interrupts
 
@@ -84,21 +80,19 @@ def run_command(
     checkpoint = _fresh_checkpoints(out / "checkpoint") if survives else None
     plan = Plan(scenario, folder, rate=how.rate, checkpoint=checkpoint, domain=how.domain)
     watch = Watch(scenario, trajectory, first_map(field_map), folder)
-    shown = watching(watch, dashboard=how.dashboard, page=how.live, port=how.port)
-    begun = time.monotonic()
+    shown = watching(watch, dashboard=how.dashboard, port=how.port if how.live else None)
     Thread(target=_load_plotting, daemon=True).start()
     try:
         with interrupts() as interrupt, shown as report:
             if how.in_process:
                 wall = run_in_process(plan, interrupt, report)
             else:
-                wall = run_processes(plan, out / "log", interrupt, report, _announce)
+                wall = run_processes(plan, out / "log", interrupt, report)
     except GraphError as error:
         note(str(error))
         return FAILED
     if interrupt:
-        seconds, kept = time.monotonic() - begun, _kept(folder)
-        typer.echo(f"Interrupted after {seconds:.0f} s; all nodes have ended.{kept}", err=True)
+        typer.echo(f"Interrupted; all nodes have ended. Recorded so far: {folder}", err=True)
         return INTERRUPTED
     typer.echo(f"The graph took {wall:.1f} s; writing the report ...", err=True)
     collector = Collector(scenario)
@@ -107,7 +101,12 @@ def run_command(
     if summary is None:
         note("the run has no scan, so there is nothing to report")
         return FAILED
-    _print_summary(summary, json, f"Report: {out / 'report.html'}   recording: {folder}")
+    if json:
+        print_json(summary)
+    else:
+        table = key_figures(summary)
+        below = f"Report: {out / 'report.html'}   recording: {folder}"
+        print_table(table.header, table.rows, below)
     return 0
 
 
@@ -132,7 +131,7 @@ def _played(
         The bag, or what it needs, or a change, cannot be used.
     """
     of_filter = {**own, **filter_parameters(chosen.parameter or ())}
-    reader = BagReader.foreign(bag, chosen.remap, chosen.driver)
+    reader = BagReader(bag, chosen.remap or (), chosen.driver or ())
     scenario = reader.scenario() if chosen.scenario is None else load_scenario(chosen.scenario)
     if scenario is not None and chosen.set_:
         scenario = changed_scenario(scenario, chosen.set_, f"{bag}: scenario")
@@ -212,22 +211,15 @@ def smooth_command(
     if played.interrupted:
         note(f"interrupted; nothing is written of {bag}")
         return INTERRUPTED
-    found = smoothed_bag(reader, played)
-    track = thinned(found.track, interval)
-    paths = [str(path) for path in write_smoothed(track, out)]
-    write_bag(found, played, out / "bag")
-    files = [*paths, str(out / "bag")]
-    result = {"states": len(found.track.time), **found.figures, "files": files}
+    states, figures, paths = smoothed_files(reader, played, out, interval)
+    files = [str(path) for path in paths]
     for line in [*played.notes, *played.failures]:
         note(f"{bag}: {line}")
     if json:
-        print_json(result)
+        print_json({"states": states, **figures, "files": files})
     else:
         names = {"position_error_rms": "RMS position error (m)", "nees_per_axis": "NEES per axis"}
-        rows = [
-            (names[name], *(number(value) for value in values.values()))
-            for name, values in found.figures.items()
-        ]
+        rows = [(names[name], *map(number, of.values())) for name, of in figures.items()]
         if rows:
             print_table(("", "smoothed", "at the time"), rows)
         typer.echo("\n".join(files))
@@ -255,10 +247,9 @@ def faults_command(scenario: Scenario, out: Path, *, trials: int, quick: bool, j
     InputError
         Scenario or folder cannot be used.
     """
-    from isogal_ros.faults.campaign import PAGE, quick_scenario, run_campaign
+    from isogal_ros.faults.campaign import PAGE, run_campaign
 
     make_folder(out)
-    scenario = quick_scenario(scenario) if quick else scenario
     try:
         with interrupts() as interrupt:
             table = run_campaign(scenario, out, trials, quick, interrupt)
@@ -298,7 +289,7 @@ def _evaluate(
     from isogal.evaluation.summary import summarise
 
     runs, scenario = record_of(collector, field_map), collector.scenario
-    if runs is None:
+    if runs is None or not collector.readings:
         return None
     bound = posterior_cramer_rao(scenario.true, trajectory, field_map)
     rms = bound.rms_at(runs.time - runs.time[0] + bound.time[0])
@@ -319,102 +310,52 @@ def _fresh_checkpoints(folder: Path) -> Path:
     return folder
 
 
-def _kept(bag: Path) -> str:
-    """Say how an interrupted run is replayed; nothing where no message was recorded yet."""
-    with suppress(InputError):
-        if any(True for _ in BagReader(bag).messages()):
-            return f" The recording is kept: isogal replay {bag}"
-    return ""
-
-
-def _announce(domain: int) -> None:
-    """Say how the nodes can be watched."""
-    environment = " ".join(f"{name}={value}" for name, value in DISCOVERY.items())
-    typer.echo(
-        f"The nodes and a recorder are in ROS domain {domain}. To watch them, where ros2 is"
-        f" installed:\n  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix",
-        err=True,
-    )
-
-
-def _print_summary(summary: Summary, json: bool, below: str) -> None:
-    """Print the figures of a run, and a line below their table."""
-    if json:
-        print_json(summary)
-    else:
-        table = key_figures(summary)
-        print_table(table.header, table.rows, below)
-
-
 def _differences(result: Replay, tolerance: float | None, changed: bool) -> list[str]:
     """Say that the fixes differ by more than they may, if they do."""
-    found, apart = result.comparison, result.comparison.largest_difference
-    if found.disagreements is None:
+    count, apart = result.disagreements, result.largest_difference
+    if count is None:
         return [] if tolerance is None else [f"there are {NO_FIXES}: --tolerance {tolerance:g}"]
     allowed = TOLERANCE if tolerance is None else tolerance
-    if (tolerance is None and changed) or found.within(allowed):
+    if (tolerance is None and changed) or (count == 0 and (apart or 0.0) <= allowed):
         return []
     by = "have no stamp in common" if apart is None else f"differ by {apart:.3g} m"
-    return [f"the fixes {by} (tolerance {allowed:g} m), disagreements: {found.disagreements}"]
-
-
-def _of_report(out: Path, result: Replay, summary: Summary | None) -> str:
-    """Say where the report is, or why there is none."""
-    if summary is not None:
-        return f"Report: {out / 'report.html'}"
-    if result.interrupted:
-        return "No report: the replay was interrupted."
-    if not result.outputs.truth:
-        name = topics.TRUTH_FIX.name
-        return f"No report: the recording has no {name}, so errors are not known."
-    return (
-        "No report: there is no scan of which both the truth and the navigator's state are known."
-    )
-
-
-def _document(
-    bag: Path, out: Path | None, result: Replay, summary: Summary | None
-) -> dict[str, Any]:
-    found = result.comparison
-    document: dict[str, Any] = {
-        "bag": str(bag),
-        "simulated_s": result.simulated,
-        "wall_s": result.wall_seconds,
-        "fixes": {
-            "recorded": found.recorded,
-            "replayed": found.replayed,
-            "common": found.common,
-        },
-        "disagreements": found.disagreements,
-        "largest_difference_m": found.largest_difference,
-        "notes": result.notes,
-        "failures": result.failures,
-    }
-    if out is not None and not result.interrupted:
-        document["summary"] = summary
-        document["report"] = None if summary is None else str(out / "report.html")
-    return document
+    return [f"the fixes {by} (tolerance {allowed:g} m), disagreements: {count}"]
 
 
 def _print_replay(
     bag: Path, out: Path | None, result: Replay, summary: Summary | None, json: bool
 ) -> None:
+    apart = result.largest_difference
+    report = out / "report.html" if out is not None and summary is not None else None
     if json:
-        print_json(_document(bag, out, result, summary))
+        fixes = {name: getattr(result, name) for name in ("recorded", "replayed", "common")}
+        document = {
+            "bag": str(bag),
+            "simulated_s": result.simulated,
+            "wall_s": result.wall_seconds,
+            "fixes": fixes,
+            "disagreements": result.disagreements,
+            "largest_difference_m": apart,
+            "notes": result.notes,
+            "failures": result.failures,
+        }
+        if out is not None and not result.interrupted:
+            document |= {"summary": summary, "report": report and str(report)}
+        print_json(document)
         return
-    found, apart = result.comparison, result.comparison.largest_difference
     for text in result.notes:
         print(f"Note: {text}.")
     print(f"Replayed {result.simulated:.0f} s in {result.wall_seconds:.1f} s.")
     print(
-        f"Fixes: {found.recorded} recorded, {found.replayed} replayed,"
-        f" {found.common} of the same stamp."
+        f"Fixes: {result.recorded} recorded, {result.replayed} replayed,"
+        f" {result.common} of the same stamp."
     )
-    if found.disagreements is None:
+    if result.disagreements is None:
         print(f"Not compared: there are {NO_FIXES}.")
-    elif apart is None:
-        print(f"Disagreements: {found.disagreements}.")
     else:
-        print(f"Largest difference: {apart:.3g} m; disagreements: {found.disagreements}.")
-    if out is not None:
-        print(_of_report(out, result, summary))
+        largest = "" if apart is None else f" Largest difference: {apart:.3g} m;"
+        print(f"Compared:{largest} disagreements: {result.disagreements}.")
+    if report is not None:
+        print(f"Report: {report}")
+    elif out is not None:
+        print(f"No report: it needs a whole replay, and {topics.TRUTH_FIX.name} at its scans.")

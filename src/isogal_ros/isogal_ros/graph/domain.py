@@ -26,9 +26,6 @@ _HIGHEST = 101
 section 9.6.2.3)."""
 _LARGEST = 232
 """The highest domain whose ports exist."""
-_PARTICIPANTS = 120
-"""Of a domain, whose ports are all below the next domain's."""
-_LAST_PORT = 65535
 _DISCOVERY = 4.0
 """s of wall time after which all who publish in a domain are known. A node finds the others within
 0.2 s, but one in eight loses the first answer, which comes again only after three seconds."""
@@ -44,19 +41,11 @@ def defaults(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 @contextmanager
-def graph_domain(names: Collection[str], asked: int | None = None) -> Iterator[int]:
-    """Yield a domain for one graph, held until its end, in which nobody else publishes what the
-    graph does: the one that is asked for, else the user's ``ROS_DOMAIN_ID``, else a free one.
-
-    Where ``ROS_DOMAIN_ID`` is not free of such publishers, it is another one, and a line on
-    standard error says so.
-
-    Parameters
-    ----------
-    names : collection of str
-        Topics of the graph.
-    asked : int, optional
-        Domain that must be used.
+def graph_domain(scenario: Scenario, asked: int | None = None) -> Iterator[int]:
+    """Yield a domain for the graph of a scenario, held until its end, in which nobody else
+    publishes what the graph does: the one that is asked for, else the user's ``ROS_DOMAIN_ID``,
+    else a free one. Where ``ROS_DOMAIN_ID`` is not free of such publishers, it is another one, and
+    a line on standard error says so.
 
     Raises
     ------
@@ -64,32 +53,26 @@ def graph_domain(names: Collection[str], asked: int | None = None) -> Iterator[i
         The domain that is asked for has a publisher of these topics; or ``ROS_DOMAIN_ID`` is no
         domain.
     """
-    with ExitStack() as stack:
-        given = asked if asked is not None else users_domain()
-        why = None if given is None else _hold(given, names, stack)
-        if given is not None and why is None:
-            yield given
-            return
-        if asked is not None:
-            raise InputError(f"--domain {asked}: {why}; end it, or choose another domain")
-        for domain in free_domains(stack):
-            if _hold(domain, names, stack) is None:
-                if given is not None:
-                    print(
-                        f"isogal: {DOMAIN}={given}: {why}; taking domain {domain} instead",
-                        file=sys.stderr,
-                        flush=True,
-                    )
-                yield domain
-                return
-        raise InputError(f"no free ROS domain from 1 to {_HIGHEST}; set {DOMAIN}")
-
-
-def names_of(scenario: Scenario) -> list[str]:
-    """Return the names of the topics that nobody else may publish where a scenario's graph runs,
-    thus not initialpose, which viewers offer to publish."""
     used = topics_in_use(scenario)
-    return [topic.name for topic in used if topic is not topics.INITIAL_POSE]
+    # viewers offer to publish initialpose
+    names = [topic.name for topic in used if topic is not topics.INITIAL_POSE]
+    with ExitStack() as stack:
+        given, why = users_domain() if asked is None else asked, None
+        if given is not None:
+            why = _hold(given, names, stack)
+            if why is None:
+                yield given
+                return
+            if asked is not None:
+                raise InputError(f"--domain {asked}: {why}; end it, or choose another domain")
+        free = (one for one in free_domains(stack) if _hold(one, names, stack) is None)
+        domain = next(free, None)
+        if domain is None:
+            raise InputError(f"no free ROS domain from 1 to {_HIGHEST}; set {DOMAIN}")
+        if why is not None:
+            said = f"isogal: {DOMAIN}={given}: {why}; taking domain {domain} instead"
+            print(said, file=sys.stderr, flush=True)
+        yield domain
 
 
 def users_domain() -> int | None:
@@ -156,10 +139,9 @@ def _claim(kind: str, domain: int, stack: ExitStack) -> bool:
 
 def participants(domain: int) -> int:
     """Count those that listen on this machine: unicast discovery ports are 7410 + 250 domain + 2
-    participant."""
-    found = 0
-    first = 7410 + 250 * domain
-    for port in range(first, min(first + 2 * _PARTICIPANTS, _LAST_PORT), 2):
+    participant, all below those of the next domain and 65536."""
+    found, first = 0, 7410 + 250 * domain
+    for port in range(first, min(first + 240, 65536), 2):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
                 probe.bind(("", port))

@@ -11,7 +11,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,14 +23,7 @@ from isogal.scenario import Scenario, validated
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.bags.remapping import Remapping
-from isogal_ros.graph.parameter_files import (
-    check_node,
-    full_name,
-    given_parameters,
-    read_parameters,
-    scenario_of,
-    unmatched_sections,
-)
+from isogal_ros.graph.parameter_files import ParameterFile, given_parameters
 from isogal_ros.graph.plan import CLASSES, Plan, checked, node_class
 from isogal_ros.nodes.signals import INTERRUPTED
 from isogal_ros.parameters.from_model import parameter_specs
@@ -38,6 +31,10 @@ from isogal_ros.parameters.from_model import parameter_specs
 _NAMESPACE = re.compile(r"/?([A-Za-z]\w*)(/[A-Za-z]\w*)*")
 _ENDED_WHEN_ASKED = (0, INTERRUPTED, -signal.SIGINT, -signal.SIGTERM)
 """Exit codes of a node that was asked to end."""
+
+
+Words = Annotated[Sequence[str], BeforeValidator(shlex.split)]
+"""Words of an argument, as a shell has them."""
 
 
 class Arguments(BaseModel):
@@ -66,9 +63,7 @@ class Arguments(BaseModel):
     vehicle: Literal["simulated", "real"] = Field(
         "simulated", description="simulated, or real: without the simulator, for real sensors"
     )
-    use_sim_time: Annotated[
-        Literal["auto", "true", "false", "1", "0"], BeforeValidator(str.lower)
-    ] = Field(
+    use_sim_time: Annotated[Literal["auto", "true", "false"], BeforeValidator(str.lower)] = Field(
         "auto",
         description="whether the nodes' clocks go by /clock; auto: with a simulated vehicle. The"
         " simulator's own never does",
@@ -76,13 +71,15 @@ class Arguments(BaseModel):
     log_level: Literal["debug", "info", "warn", "error", "fatal"] = Field(
         "info", description="debug, info, warn, error or fatal"
     )
-    remap: str = Field(
+    remap: Words = Field(
         "",
+        validate_default=True,
         description="topics of drivers in place of the graph's, as in /sbg/imu:=imu/data_raw"
         " /mgs6/g:=gravimeter/data_raw",
     )
-    set: str = Field(
+    set: Words = Field(
         "",
+        validate_default=True,
         description="keys of the scenario, which count before those of params: KEY=VALUE"
         " KEY=VALUE",
     )
@@ -97,30 +94,19 @@ class Arguments(BaseModel):
     @property
     def remappings(self) -> list[tuple[str, str]]:
         """Names of the graph, and those of drivers in their place."""
-        names = Remapping.parse(_words("remap", self.remap), "remap").names
+        names = Remapping.parse(self.remap, "remap").names
         return [(own.lstrip("/"), given) for given, own in names.items()]
 
     @property
     def keys(self) -> dict[str, JsonValue]:
         """Parameters of the scenario that are set one by one, values in YAML."""
-        words = _words("set", self.set)
-        what = "key of the scenario that is a parameter"
-        return given_parameters("set", "KEY=VALUE", words, parameter_specs(Scenario), what)
+        return given_parameters("set", self.set, parameter_specs(Scenario))
 
     @property
     def sim_time(self) -> bool:
         """Whether the clocks of nodes other than the simulator go by /clock."""
-        if self.use_sim_time == "auto":
-            return self.vehicle == "simulated"
-        return self.use_sim_time in ("true", "1")
-
-
-def _words(name: str, text: str) -> list[str]:
-    """Return the words of an argument, as a shell has them."""
-    try:
-        return shlex.split(text)
-    except ValueError as error:
-        raise InputError(f"{name}: {error}: {text!r}") from None
+        auto = "true" if self.vehicle == "simulated" else "false"
+        return self.use_sim_time.replace("auto", auto) == "true"
 
 
 DESCRIBED = {
@@ -206,12 +192,8 @@ def check(values: Mapping[str, str], words: Sequence[str], file: str) -> Launche
     arguments = validated(Arguments, {**values, **others}, where=f"{file}: ")
     keys, _ = arguments.keys, arguments.remappings
     if arguments.recorder:
-        if not arguments.bag:
-            raise InputError("bag: must name a new folder, not ''")
-        if Path(arguments.bag).exists():
-            raise InputError(
-                f"bag: {arguments.bag!r}: there is something already; give a new folder"
-            )
+        if not arguments.bag or Path(arguments.bag).exists():
+            raise InputError(f"bag: must name a new folder, not {arguments.bag!r}")
         check_output(arguments.bag, folder=True, where="bag: ")
     if arguments.checkpoint:
         check_output(arguments.checkpoint, folder=True, where="checkpoint: ")
@@ -237,21 +219,21 @@ def _check_params(arguments: Arguments, keys: Mapping[str, JsonValue]) -> Scenar
     """Return the scenario of the parameter file with some keys changed; raises InputError unless
     all nodes can use both."""
     where, real = f"params: {arguments.params}", arguments.vehicle == "real"
-    document = read_parameters(arguments.params, where)
-    of_all = {"/**": document.get("/**", {})}
-    scenario = scenario_of(of_all, "", where)
+    file = ParameterFile.read(arguments.params, where)
+    scenario = file.of_all.scenario("")
     if keys:
-        scenario = scenario_of(of_all, "", "set", keys)
+        scenario = replace(file.of_all, where="set").scenario("", keys)
     scenarios: list[Scenario] = []
     names = Plan(scenario, Path() if arguments.recorder else None, real=real).names
+    space = f"/{arguments.namespace.strip('/')}/".replace("//", "/")
     for name in names:
-        full = full_name(arguments.namespace, name)
-        check_node(document, name, full, where)
-        own = scenario_of(document, full, f"{where}: {name}", keys)
+        of_node = replace(file, where=f"{where}: {name}")
+        of_node.check_node(name, space + name)
+        own = of_node.scenario(space + name, keys)
         if own not in scenarios:
             scenarios.append(own)
     # which may be another node's of the user, thus no error
-    for line in unmatched_sections(document, {*names, *CLASSES}, arguments.namespace):
+    for line in file.unmatched([space + name for name in {*names, *CLASSES}]):
         print(f"isogal: {where}: {line}", file=sys.stderr, flush=True)
     for one in scenarios:
         checked(one, simulated=not real)

@@ -51,18 +51,15 @@ def file_lines() -> Iterator[str]:
     section = ""
     for spec in parameter_specs(Scenario):
         parent, _, key = spec.name.rpartition(".")
-        if parent != section:
-            section = parent
-            yield from [f"    {parent}:"] if parent else []
-        indent = " " * (6 if parent else 4)
-        value = f"{indent}{key}: {yaml_of(spec.default, 80)}"
-        line = f"{value}  # {comment(spec)}"
-        if len(line) <= WIDTH:
-            yield line
+        if parent not in ("", section):
+            yield f"    {parent}:"
+        section, indent = parent, " " * (6 if parent else 4)
+        value, about = f"{indent}{key}: {yaml_of(spec.default)}", f"{indent}# "
+        if len(f"{value}  # {comment(spec)}") <= WIDTH:
+            yield f"{value}  # {comment(spec)}"
         else:
-            start = f"{indent}# "
             yield from textwrap.wrap(
-                comment(spec), WIDTH, initial_indent=start, subsequent_indent=start
+                comment(spec), WIDTH, initial_indent=about, subsequent_indent=about
             )
             yield value
 
@@ -70,32 +67,32 @@ def file_lines() -> Iterator[str]:
 def lines() -> Iterator[str]:
     """Yield the lines of the page."""
     yield HEAD
-    names = (*NODES, RECORDER, MAVLINK)
-    models = {name: node_class(name).settings_model for name in names}
+    kinds = {name: node_class(name) for name in (*NODES, RECORDER, MAVLINK)}
+    models = {name: kind.settings_model for name, kind in kinds.items()}
     shared = set.intersection(*(set(model.model_fields) for model in models.values()))
+
+    def specs(name: str, is_shared: bool) -> Iterator[ParameterSpec]:
+        """Yield the own parameters of a node that all have, or that it alone has."""
+        for spec in parameter_specs(models[name]):
+            if (spec.name.partition(".")[0] in shared) == is_shared:
+                yield spec
+
     yield "## Of every node\n"
-    yield from table(spec for spec in parameter_specs(models[RECORDER]) if top_of(spec) in shared)
-    for name in names:
-        own = [spec for spec in parameter_specs(models[name]) if top_of(spec) not in shared]
+    yield from table(specs(RECORDER, is_shared=True))
+    for name, kind in kinds.items():
         yield f"\n## Of `{name}`\n"
-        if own:
-            yield from table(own)
-            yield ""
-        yield f"- Sections of the scenario: {', '.join(sorted(node_class(name).sections))}."
-        mutable = ", ".join(f"`{key}`" for key in node_class(name).mutable)
+        if own := [*specs(name, is_shared=False)]:
+            yield from [*table(own), ""]
+        yield f"- Sections of the scenario: {', '.join(sorted(kind.sections))}."
+        mutable = ", ".join(f"`{key}`" for key in kind.mutable)
         yield f"- May change while it runs: {mutable or 'none'}."
     yield "\n## Keys of a scenario\n"
     yield from table(parameter_specs(Scenario))
 
 
-def top_of(spec: ParameterSpec) -> str:
-    """Return the field of the model that a parameter belongs to."""
-    return spec.name.partition(".")[0]
-
-
-def yaml_of(value: JsonValue, width: int) -> str:
+def yaml_of(value: JsonValue) -> str:
     """Return a default in one line."""
-    return yaml.safe_dump(value, default_flow_style=True, width=width).splitlines()[0]
+    return yaml.safe_dump(value, default_flow_style=True, width=1000).splitlines()[0]
 
 
 def comment(spec: ParameterSpec) -> str:
@@ -113,7 +110,7 @@ def table(specs: Iterable[ParameterSpec]) -> Iterator[str]:
     yield "|---|---|---|---|"
     for spec in specs:
         descriptor = spec.descriptor
-        default = yaml_of(spec.default, 1000).replace("|", "\\|")
+        default = yaml_of(spec.default).replace("|", "\\|")
         kind = "any" if descriptor.dynamic_typing else TYPES.get(descriptor.type, "any")
         about = comment(spec).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
         yield f"| `{spec.name}` | {kind} | `{default}` | {about} |"

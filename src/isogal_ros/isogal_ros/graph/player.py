@@ -1,21 +1,18 @@
 """What a replay needs of a bag, and fresh nodes that it is played to, past the middleware, step by
 step: every sample and reading is dealt with before the next.
 
-Readings are taken as they were reduced when they were recorded, or the instrument's own are
-reduced anew. Sensed gravity is reduced with the navigator's velocity, and what is matched is taken
-for reduced with that of the navigator that matches (docs/mathematics.md, section 2.6). A navigator
-that does otherwise than the recorded one did needs readings of its own."""
+The instruments' own readings are reduced anew: sensed gravity is reduced with the navigator's
+velocity, and what is matched is taken for reduced with that of the navigator that matches
+(docs/mathematics.md, section 2.6). Where a bag has not all of them, readings are taken as they
+were reduced when they were recorded."""
 
 import math
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 from pydantic import JsonValue
-from rclpy.serialization import deserialize_message
 
 from isogal.errors import InputError
 from isogal.fusion.inertial_navigator import InertialNavigator
@@ -25,6 +22,7 @@ from isogal_ros import topics
 from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Collector, wanted_messages
 from isogal_ros.graph.bus import Bus
+from isogal_ros.graph.parameter_files import leaves
 from isogal_ros.graph.plan import Plan
 from isogal_ros.messages.adapter import adapter_of
 from isogal_ros.messages.aids import each_aid
@@ -38,20 +36,14 @@ from isogal_ros.nodes.base import GraphNode
 from isogal_ros.nodes.nav_queue import moved, read_nav
 from isogal_ros.topics import Topic
 
-_KEYS = {
-    "gravimeter": ("quantity", "interval", "lever_arm"),
-    "magnetometer": None,
-    "altimeter": None,
-    "gradiometer": ("components",),
+_REDUCTION: Mapping[str, bool | set[str]] = {
+    "field": True,
+    "gravimeter": {"quantity", "interval", "lever_arm"},
+    "magnetometer": True,
+    "altimeter": True,
+    "gradiometer": {"components"},
 }
-"""Keys of the reduction by section; None = all."""
-_WITHOUT = {
-    topics.BAROMETER.name: "--set height.source=scenario",
-    topics.VELOCITY.name: "--set velocity.kind=none",
-    topics.GNSS_FIX.name: "--set gnss.available=null",
-    topics.GNSS_VELOCITY.name: "--set gnss.velocity_sigma=null",
-}
-"""What replays without a sensor beside the IMU, by its topic."""
+"""Keys of a scenario that readings are reduced by."""
 Start = dict[str, JsonValue]
 """Parameters of ukf_fusion_node by name."""
 LATE = 60.0
@@ -74,10 +66,6 @@ class Recorded:
     """Whether these are those of the instruments, which are reduced anew."""
     start: Start | None = None
     """Where the recorded navigator started; None = the bag does not say it."""
-    without_effect: tuple[str, ...] = ()
-    """Keys `gravimeter.sigma` that are changed in vain: the readings say their own variance."""
-    reduced_by_another: bool = False
-    """Whether sensed gravity is fed that a navigator has reduced which may have done otherwise."""
 
     @property
     def first(self) -> float:
@@ -105,19 +93,9 @@ class Recorded:
         return sorted(found, key=lambda one: one[0])
 
 
-def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Recorded:
-    """Read a bag.
-
-    Parameters
-    ----------
-    changed : bool
-        Whether the nodes do otherwise than the recorded ones, whatever the scenario says.
-
-    Raises
-    ------
-    InputError
-        A topic that is needed is missing.
-    """
+def load(reader: BagReader, scenario: Scenario) -> Recorded:
+    """Read a bag; raises InputError where a topic is missing that is needed, or the scenario
+    reduces readings as the bag does not allow."""
     scenario = mounted(scenario, reader.entrance.drivers)
     collector = Collector(scenario)
     each = [adapter_of(one) for one in scenario.each_field]
@@ -137,22 +115,18 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
                 odometry[peek_ns(data)] = data
         else:
             collector.take(topic, data)
-    whole = all(sensors[one.raw] for one in each)
-    recorded = reader.scenario()
-    _check_reduction(reader.path, recorded, scenario, whole)
-    first = min(sensors[inertial[-1]], default=0)
-    differs = changed or recorded != scenario or to_seconds(first) > LATE
-    reduced = (collector.readings, *collector.others)
-    differs |= not all(reduced)  # of an instrument alone, without a navigator
-    reduces = differs and whole
+    # those that a scenario takes from a file are published as if they were the instrument's own
+    from_file = any(one.readings.source is not None for one in scenario.each_field)
+    reduces = all(sensors[one.raw] for one in each) and not from_file
+    _check_reduction(reader, scenario, reduces)
     if not reduces:
         for topic in raw:
             del sensors[topic]
-        sensors |= {one.reduced: store for one, store in zip(each, reduced, strict=True)}
+        stores = (collector.readings, *collector.others)
+        sensors |= {one.reduced: store for one, store in zip(each, stores, strict=True)}
     needed = (*inertial, *(one.raw if reduces else one.reduced for one in each))
     needed += tuple(one[0] for one in either if not any(sensors[topic] for topic in one))
     _check_there(reader, [topic.name for topic in needed if not sensors[topic]])
-    sensed = any(one.raw is topics.GRAVIMETRY for one in each)
     return Recorded(
         scenario,
         int(reader.texts.get("run", 0)),
@@ -160,96 +134,46 @@ def load(reader: BagReader, scenario: Scenario, changed: bool = False) -> Record
         sensors,
         tuple(topic for topic in sensors if topic not in (*aids, *inertial)),
         reduces,
-        _start(scenario, collector.first_nav, odometry, first),
-        _sigmas_in_vain(recorded, scenario, sensors, reduces),
-        reduced_by_another=differs and sensed and not reduces,
+        _start(scenario, collector.first_nav, odometry, min(sensors[inertial[-1]])),
     )
-
-
-def _sigmas_in_vain(
-    recorded: Scenario | None,
-    now: Scenario,
-    sensors: dict[Topic, dict[int, bytes]],
-    reduces: bool,
-) -> tuple[str, ...]:
-    """Return the keys `Recorded.without_effect`."""
-    found: list[str] = []
-    before = () if recorded is None else recorded.each_field
-    for prefix, was, one in zip(_prefixes(now), before, now.each_field, strict=False):
-        if was.gravimeter.sigma == one.gravimeter.sigma:
-            continue
-        adapter = adapter_of(one)
-        topic, read = (
-            (adapter.raw, adapter.read_raw) if reduces else (adapter.reduced, adapter.read_reduced)
-        )
-        data = next(iter(sensors[topic].values()), None)
-        with suppress(BadMessageError):
-            if data is not None and read(deserialize_message(data, topic.type))[1] is not None:
-                found.append(f"{prefix}gravimeter.sigma")
-    return tuple(found)
 
 
 def _check_there(reader: BagReader, missing: list[str]) -> None:
     """Raise InputError where topics are missing."""
-    if not missing:
-        return
-    there = ", ".join(sorted(reader.types)) or "nothing"
-    cut = f"; {reader.cut}" if reader.cut else ""
-    keys = "".join(f"; {key} replays without" for name, key in _WITHOUT.items() if name in missing)
-    raise InputError(
-        f"{reader.path}: no messages on {' and '.join(missing)}, which a replay needs{keys}; those"
-        f" of another name are taken by --remap /TOPIC:={missing[0]}; the bag has {there}{cut}"
-    )
-
-
-def _check_reduction(path: Path, recorded: Scenario | None, now: Scenario, raw: bool) -> None:
-    """Look whether a scenario reduces readings otherwise than the recorded one did, and can.
-
-    Parameters
-    ----------
-    raw : bool
-        Whether the bag has the instrument's own readings, and nothing else is needed.
-
-    Raises
-    ------
-    InputError
-        It does, and cannot with this bag.
-    """
-    if recorded is None:
-        return
-    before, after = _keys_of(recorded), _keys_of(now)
-    changed = [key for key in after if key not in before or after[key] != before[key]]
-    if not changed:
-        return
-    keys = ", ".join(changed)
-    if not raw:
+    if missing:
+        there = ", ".join(sorted(reader.types)) or "nothing"
+        cut = f"; {reader.cut}" if reader.cut else ""
         raise InputError(
-            f"{path}: a replay cannot change {keys}: the readings in the bag are reduced, and it"
-            " has not all that the instrument measured"
+            f"{reader.path}: no messages on {' and '.join(missing)}, which a replay by this"
+            " scenario needs; those of another name are taken by --remap"
+            f" /TOPIC:={missing[0]}; the bag has {there}{cut}"
         )
-    for prefix, was, one in zip(_prefixes(now), recorded.each_field, now.each_field, strict=False):
-        if one.gravimeter.interval < was.gravimeter.interval:
-            raise InputError(
-                f"{path}: a replay cannot make {prefix}gravimeter.interval shorter than it was"
-                f" ({was.gravimeter.interval:g} s)"
-            )
 
 
-def _prefixes(scenario: Scenario) -> list[str]:
-    """Return what stands before the keys of each field."""
-    return (
-        [""] if scenario.fields is None else [f"fields.{n}." for n in range(len(scenario.fields))]
-    )
+def _check_reduction(reader: BagReader, now: Scenario, raw: bool) -> None:
+    """Raise InputError where a scenario reduces readings otherwise than the recorded one did, and
+    the bag does not allow it; `raw`: it has all that the instruments measured."""
+    recorded, path = reader.scenario(), reader.path
+    before, after = _keys_of(recorded or now), _keys_of(now)
+    changed = [key for key in after if key not in before or after[key] != before[key]]
+    if changed and not raw:
+        raise InputError(
+            f"{path}: a replay cannot change {', '.join(changed)}: the readings in the bag are"
+            " reduced, and it has not all that the instrument measured"
+        )
+    for key in changed:
+        was, now_is = before.get(key), after[key]
+        of_scans = key.endswith("gravimeter.interval")
+        if of_scans and isinstance(was, float) and isinstance(now_is, float) and now_is < was:
+            raise InputError(f"{path}: a replay cannot make {key} shorter than it was ({was:g} s)")
 
 
 def _keys_of(scenario: Scenario) -> dict[str, JsonValue]:
+    """Return the keys that the readings of each field are reduced by."""
     found: dict[str, JsonValue] = {}
-    for prefix, one in zip(_prefixes(scenario), scenario.each_field, strict=True):
-        document = one.model_dump()
-        found[f"{prefix}field"] = document["field"]
-        for section, keys in _KEYS.items():
-            values = document[section]
-            found |= {f"{prefix}{section}.{key}": values[key] for key in keys or values}
+    for n, one in enumerate(scenario.each_field):
+        prefix = "" if scenario.fields is None else f"fields.{n}."
+        found |= leaves(one.model_dump(include=_REDUCTION), prefix)
     return found
 
 

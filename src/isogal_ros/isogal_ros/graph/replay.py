@@ -15,7 +15,7 @@ from isogal.errors import InputError
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.scenario import Scenario
 from isogal_ros import topics
-from isogal_ros.bags.reader import BagReader, topic_of
+from isogal_ros.bags.reader import BagReader
 from isogal_ros.bags.record import Collector
 from isogal_ros.graph.player import LATE, Player, Recorded, load
 from isogal_ros.graph.running import Progress, Report
@@ -24,14 +24,19 @@ from isogal_ros.messages.stamps import to_seconds
 from isogal_ros.nodes.signals import Interrupt
 from isogal_ros.topics import Topic
 
-_PARAMETERS = "; a replay takes parameters of ukf_fusion_node by --parameter NAME=VALUE"
-_FRAME = "; a replay takes messages of another frame by --driver TOPIC.frame=NAME"
+_HOW = (
+    "; a replay takes parameters of ukf_fusion_node by --parameter NAME=VALUE, and messages of"
+    " another frame or unit by --driver TOPIC.frame=NAME"
+)
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """How a replay's fixes differ from the recorded ones."""
+class Replay:
+    """What a replay leaves behind."""
 
+    scenario: Scenario
+    outputs: Collector
+    """Messages of the fresh nodes, with the recorded truth."""
     recorded: int
     """Fixes recorded, without those that say there is none."""
     replayed: int
@@ -42,20 +47,6 @@ class Comparison:
     recording says nothing of any batch, so that there is nothing to compare with."""
     largest_difference: float | None
     """m, between fixes of the same stamp; None = there is none in common."""
-
-    def within(self, tolerance: float) -> bool:
-        """Whether there is something to compare with, and no fix differs by more (m)."""
-        return self.disagreements == 0 and (self.largest_difference or 0.0) <= tolerance
-
-
-@dataclass(frozen=True)
-class Replay:
-    """What a replay leaves behind."""
-
-    scenario: Scenario
-    outputs: Collector
-    """Messages of the fresh nodes, with the recorded truth."""
-    comparison: Comparison
     simulated: float
     """s replayed."""
     wall_seconds: float
@@ -81,8 +72,7 @@ def replay(
     Parameters
     ----------
     scenario : Scenario, optional
-        None = the bag's own. With another one the instrument's own readings are reduced anew
-        where the bag has them.
+        None = the bag's own.
     parameters : mapping, optional
         Own parameters of the filter's node by name (`isogal_ros.graph.parameter_files`).
 
@@ -97,9 +87,7 @@ def replay(
             f"{reader.path}: the bag has no scenario (another tool has written it?); say with"
             " --scenario which one was run"
         )
-    # how long the filter keeps its history changes no state
-    changed = (parameters or {}).keys() - {"horizon"}
-    recorded = load(reader, scenario, changed=bool(changed))
+    recorded = load(reader, scenario)
     begun = time.monotonic()
     # a simulated run that is recorded from its start on begins as the scenario says
     whole = bool(recorded.collector.truth) and recorded.first <= LATE
@@ -110,13 +98,12 @@ def replay(
         answered = _play(player, interrupt, report)
         failures = [] if interrupt else _shortcomings(player, answered)
         fusion = player.filter
-    # else those that the fresh nodes have reduced are the only ones
-    if recorded.collector.readings:
+    if not recorded.reduces:
         outputs.readings, outputs.others = recorded.collector.readings, recorded.collector.others
     return Replay(
         scenario,
         outputs,
-        _compare(recorded.collector, outputs, answered),
+        *_compare(recorded.collector, outputs, answered),
         to_seconds(answered) - recorded.first if answered else 0.0,
         time.monotonic() - begun,
         _notes(reader, recorded),
@@ -154,17 +141,8 @@ def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
             else "where the recorded navigator was"
         )
         notes.append(f"the bag begins at {recorded.first:.0f} s: the filter starts there {how}")
-    if recorded.without_effect:
-        keys = ", ".join(recorded.without_effect)
-        notes.append(f"{keys}: has no effect, since the recorded readings say their own variance")
-    for topic, messages in recorded.sensors.items():
-        several = (n for name, n in reader.publishers.items() if topic_of(name, topic.name))
-        if messages and (count := max(several, default=0)) > 1:
-            notes.append(
-                f"{topic.name} had {count} publishers when it was recorded: the messages of all"
-                " are played as if of one, of which a node would have used those of the first"
-            )
-    if recorded.reduced_by_another:
+    by_navigator = all(one.readings.source is None for one in recorded.scenario.each_field)
+    if by_navigator and {topics.GRAVITY, topics.DISTURBANCE} & {*recorded.readings}:
         notes.append(
             "the gravimeter's own readings are not all in the bag: those that are fed were reduced"
             " with the recorded navigator's velocity, and are wrong by the Eötvös effect of what"
@@ -173,62 +151,50 @@ def _notes(reader: BagReader, recorded: Recorded) -> list[str]:
     return notes
 
 
-def _compare(recorded: Collector, replayed: Collector, last_ns: int) -> Comparison:
-    """Compare the fixes up to a stamp."""
+def _compare(
+    recorded: Collector, replayed: Collector, last_ns: int
+) -> tuple[int, int, int, int | None, float | None]:
+    """Compare the fixes up to a stamp; return `recorded` to `largest_difference` of a replay."""
     old = {ns: fix for ns, fix in recorded.fix_positions().items() if ns <= last_ns}
     new = replayed.fix_positions()
     differences = [
-        float(np.hypot(*horizontal_difference(*after, *before)))
-        for ns, before in old.items()
-        if before is not None and (after := new.get(ns)) is not None
+        float(np.hypot(*horizontal_difference(*place, *was)))
+        for ns, was in old.items()
+        if was is not None and (place := new.get(ns)) is not None
     ]
-    return Comparison(
-        recorded=sum(fix is not None for fix in old.values()),
-        replayed=sum(fix is not None for fix in new.values()),
-        common=len(differences),
-        disagreements=sum((old.get(ns) is None) != (new.get(ns) is None) for ns in {*old, *new})
-        if old
-        else None,
-        largest_difference=max(differences, default=None),
-    )
+    apart = sum((old.get(ns) is None) != (new.get(ns) is None) for ns in {*old, *new})
+    before, after = (sum(fix is not None for fix in one.values()) for one in (old, new))
+    largest = max(differences, default=None)
+    return before, after, len(differences), apart if old else None, largest
 
 
 def _shortcomings(player: Player, answered: int) -> list[str]:
     """Return one line for each sensor of which no message was used up to a stamp, and one where
     there was no fix."""
-    found, recorded = [], player.recorded
+    recorded, fusion = player.recorded, player.nodes[topics.UKF_FUSION]
     dropped: Counter[str] = Counter()
     why: dict[str, str] = {}
     for node in player.nodes.values():
         dropped.update(node.health.dropped)
         why |= node.health.why
-
-    def unused(topic: Topic, otherwise: str) -> str:
-        """Say that none of a topic's messages was used, and why: as the last that was dropped, or
-        otherwise."""
-        name, count = topic.name, len(recorded.sensors[topic])
-        reason = f"{dropped[name]} dropped: {why[name]}" if dropped[name] else otherwise
-        return f"{name}: none of {count} messages was used: {reason}"
-
-    fusion = player.nodes[topics.UKF_FUSION]
+    unused: dict[Topic, str] = {}
+    """Why, where no message was dropped."""
     inertial = recorded.inertial
-    all_dropped = dropped[inertial.name] >= len(recorded.sensors[inertial])
-    if fusion.outputs.newest < 0 or all_dropped:
-        found.append(f"{unused(inertial, fusion.health.message)}{_PARAMETERS}")
+    if fusion.outputs.newest < 0 or dropped[inertial.name] >= len(recorded.sensors[inertial]):
+        unused[inertial] = fusion.health.message
     for aid in each_aid(recorded.scenario):
         either = aid.topic, *aid.instead
         if not any(fusion.health.figures.get(f"{one.name} used", 0) for one in either):
-            no_state = "the filter had no state to which it could apply them"
-            found.append(f"{unused(aid.topic, no_state)}{_PARAMETERS}")
+            unused[aid.topic] = "the filter had no state to which it could apply them"
     for topic in recorded.readings:
-        stamps, name = recorded.sensors[topic], topic.name
-        first = min(stamps, default=0)
-        if first > answered:
-            late = f"the first is of {to_seconds(first):.0f} s, after the last IMU sample"
-            found.append(unused(topic, late))
-        elif stamps and dropped[name] >= sum(ns <= answered for ns in stamps):
-            key = _FRAME if why[name].startswith("frame_id ") else ""
-            found.append(unused(topic, "") + key)
+        stamps = recorded.sensors[topic]
+        if stamps and dropped[topic.name] >= sum(ns <= answered for ns in stamps):
+            unused[topic] = "all come after the last IMU sample"
+    found = []
+    for topic, otherwise in unused.items():
+        name, count = topic.name, len(recorded.sensors[topic])
+        reason = f"{dropped[name]} dropped: {why[name]}" if dropped[name] else otherwise
+        found.append(f"{name}: none of {count} messages was used: {reason}{_HOW}")
     if all(place is None for place in player.collector.fix_positions().values()):
         found.append(f"no fix: {_why_no_fix(player.collector)}")
     return found
@@ -238,9 +204,7 @@ def _why_no_fix(outputs: Collector) -> str:
     """Say why no batch gave a fix."""
     reasons = Counter(figures["message"] for figures in outputs.batches.values())
     if not reasons:
-        fields = outputs.scenario.each_field
-        lengths = ", ".join(str(one.matcher.batch_length) for one in fields)
-        return f"no batch ended (matcher.batch_length: {lengths} scans)"
-    (reason, count), *others = reasons.most_common()
-    more = f"; {len(others)} other reasons" if others else ""
-    return f"{sum(reasons.values())} batches gave none: {reason} ({count} times){more}"
+        lengths = [one.matcher.batch_length for one in outputs.scenario.each_field]
+        return f"no batch ended (matcher.batch_length: {', '.join(map(str, lengths))} scans)"
+    ((reason, count),) = reasons.most_common(1)
+    return f"{reasons.total()} batches gave none: {reason} ({count} times)"

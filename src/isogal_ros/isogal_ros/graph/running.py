@@ -15,7 +15,6 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import Executor
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
 
 from isogal.compiled import tell_of_compiling
 from isogal.files import make_folder
@@ -23,7 +22,7 @@ from isogal.threads import one_thread
 from isogal_ros import topics
 from isogal_ros.bags.recorder import RECORDER
 from isogal_ros.graph.bus import Bus
-from isogal_ros.graph.domain import DOMAIN, defaults, graph_domain, names_of, quiet_node
+from isogal_ros.graph.domain import DISCOVERY, DOMAIN, defaults, graph_domain, quiet_node
 from isogal_ros.graph.forkserver import start_node
 from isogal_ros.graph.plan import CLASSES, GraphError, Plan
 from isogal_ros.nodes.base import GraphNode
@@ -37,8 +36,6 @@ PATIENCE = 15.0
 """s that a process gets to end after SIGINT, then after SIGTERM, before it is killed."""
 RESPAWN_DELAY = 1.0
 """s after which a node that was killed is started again."""
-MOST_RESTARTS = 100
-"""Of one node in one run."""
 LOG_LINES = 5
 """Last lines of a node's output that its end is described with."""
 SETTLED = 1.0
@@ -86,9 +83,12 @@ def run_in_process(plan: Plan, interrupt: Interrupt, report: Report = lambda _: 
     GraphError
         A node failed.
     """
-    names, nodes = names_of(plan.scenario), dict[str, GraphNode]()
+    nodes = dict[str, GraphNode]()
     tell_of_compiling(lambda: print(f"isogal: {COMPILING}", file=sys.stderr, flush=True))
-    with graph_domain(names, plan.domain) as domain, Bus(quiet=False, domain=domain) as bus:
+    with (
+        graph_domain(plan.scenario, plan.domain) as domain,
+        Bus(quiet=False, domain=domain) as bus,
+    ):
         executor = make_executor(bus)
         try:
             for name in plan.names:
@@ -156,8 +156,8 @@ class Processes:
     """
 
     def __init__(self, plan: Plan, folder: Path, domain: int, namespace: str = "") -> None:
-        self._folder, self._respawns = folder, plan.checkpoint is not None
-        self._namespace = namespace
+        self._folder, self._namespace = folder, namespace
+        self._respawns = plan.checkpoint is not None
         make_folder(folder)
         own = {name: plan.own(name) for name in plan.names}
         text = parameter_file(plan.scenario, own)
@@ -165,16 +165,11 @@ class Processes:
         self._environment = os.environ | {DOMAIN: str(domain)}
         self._environment |= defaults(self._environment)
         one_thread(self._environment)
-        self._again: dict[str, float] = {}
-        """When (s of wall time) a node that was killed is started again."""
-        self.restarts: dict[str, int] = {}
-        """How often each node was started again."""
+        for name in plan.names:
+            self._log(name).write_bytes(b"")  # in place of an earlier run's
         self.running = {name: self._start(name) for name in plan.names}
 
     def _start(self, name: str) -> BaseProcess:
-        log = self._log(name)
-        if name not in self.restarts:
-            log.write_bytes(b"")  # in place of an earlier run's
         arguments = ["--ros-args", "--remap", f"__node:={name}"]
         arguments += ["--params-file", str(self._folder / "params.yaml")]
         if self._namespace:
@@ -182,7 +177,7 @@ class Processes:
         # without log files of its own: what a node logs is in its output
         arguments += ["--disable-external-lib-logs"]
         module, _ = CLASSES[topics.kind_of(name)]
-        return start_node(name, module, arguments, self._environment, log)
+        return start_node(name, module, arguments, self._environment, self._log(name))
 
     def _log(self, name: str) -> Path:
         return self._folder / f"{name}.log"
@@ -204,14 +199,10 @@ class Processes:
             if name == topics.INS_SIM and code == 0:
                 return True
             # one that says that it failed would fail again
-            restarts = self.restarts.get(name, 0)
-            if not self._respawns or code >= 0 or restarts >= MOST_RESTARTS:
+            if not self._respawns or code >= 0:
                 raise GraphError(self.describe(name, code))
-            now = time.monotonic()
-            if now >= self._again.setdefault(name, now + RESPAWN_DELAY):
-                del self._again[name]
-                self.restarts[name] = restarts + 1
-                self.running[name] = self._start(name)
+            time.sleep(RESPAWN_DELAY)
+            self.running[name] = self._start(name)
         return False
 
     def describe(self, name: str, code: int) -> str:
@@ -221,13 +212,6 @@ class Processes:
         words = " | ".join(line.strip() for line in lines if line.strip())
         return f"{name} ended ({how}){': ' + words if words else ''}; log: {self._log(name)}"
 
-    def send_signal(self, name: str, number: int) -> None:
-        """Send a signal to a process, if it runs."""
-        process = self.running[name]
-        if process.pid is not None and process.exitcode is None:
-            with suppress(ProcessLookupError):
-                os.kill(process.pid, number)
-
     def stop(self, interrupt: Interrupt) -> None:
         """End all: the recorder last, so that it hears everything."""
         last = {name for name in self.running if name == RECORDER}
@@ -235,9 +219,10 @@ class Processes:
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
                 asked, deadline = interrupt.count, time.monotonic() + PATIENCE
                 alive = names - self.ended().keys()
-                for name in alive:
-                    self.send_signal(name, number)
-                    self.send_signal(name, signal.SIGCONT)  # one that is stopped would not hear it
+                for pid in filter(None, (self.running[name].pid for name in alive)):
+                    with suppress(ProcessLookupError):
+                        os.kill(pid, number)
+                        os.kill(pid, signal.SIGCONT)  # one that is stopped would not hear it
                 # another interrupt ends the wait
                 while alive and time.monotonic() < deadline and interrupt.count == asked:
                     time.sleep(0.01)
@@ -251,10 +236,9 @@ def run_processes(
     folder: Path,
     interrupt: Interrupt,
     report: Report = lambda _: None,
-    announce: Callable[[int], None] | None = None,
 ) -> float:
-    """Run the graph as processes until the route's end, or until interrupted; return the wall time
-    (s) from the first step to the last.
+    """Run the graph as processes until the route's end, or until interrupted, and say in which
+    domain; return the wall time (s) from the first step to the last.
 
     Parameters
     ----------
@@ -264,8 +248,6 @@ def run_processes(
     interrupt : Interrupt
     report : callable
         Takes the progress.
-    announce : callable, optional
-        Called with the domain before the processes start.
 
     Raises
     ------
@@ -275,9 +257,14 @@ def run_processes(
         A node ended before its time, or with an error.
     """
     before = shared_memory()
-    with graph_domain(names_of(plan.scenario), plan.domain) as domain:
-        if announce is not None:
-            announce(domain)
+    with graph_domain(plan.scenario, plan.domain) as domain:
+        environment = " ".join(f"{name}={value}" for name, value in DISCOVERY.items())
+        print(
+            f"The nodes are in ROS domain {domain}. To watch them, where ros2 is installed:\n"
+            f"  {DOMAIN}={domain} {environment} ros2 topic echo /nav/fix",
+            file=sys.stderr,
+            flush=True,
+        )
         processes = Processes(plan, folder, domain)
         try:
             wall = _watch(processes, domain, interrupt, report)
@@ -290,56 +277,41 @@ def run_processes(
     return wall
 
 
-def _watch(
-    processes: Processes,
-    domain: int,
-    interrupt: Interrupt,
-    report: Report,
-) -> float:
+def _watch(processes: Processes, domain: int, interrupt: Interrupt, report: Report) -> float:
     """Watch until the simulator has ended; return the wall time from its first step on."""
-    newest: list[bytes] = []
-    name = topics.INS_SIM.encode()
+    figures: dict[str, str] = {}
 
-    def hear(data: bytes) -> None:
-        if name in data:  # decoded only where it is looked at
-            newest[:] = [data]
+    def hear(array: DiagnosticArray) -> None:
+        for item in array.status:
+            if item.name.rpartition("/")[2] == topics.INS_SIM:
+                figures.update(figures_of(item))
 
     with quiet_node("isogal_run", domain) as watcher:
         watcher.create_subscription(
-            DiagnosticArray, topics.DIAGNOSTICS.name, hear, QoSProfile(depth=10), raw=True
+            DiagnosticArray, topics.DIAGNOSTICS.name, hear, QoSProfile(depth=10)
         )
         executor = make_executor(watcher.context)
         executor.add_node(watcher)
-        figures: dict[str, str] = {}
         first, now, told = None, time.monotonic(), False
         try:
             while not interrupt:
                 executor.spin_once(timeout_sec=0.1)
                 if time.monotonic() < now + LOOK_EVERY:
                     continue
-                while newest:
-                    figures |= _simulators(newest.pop())
-                if first is None and not told and processes.compile():
-                    told = True
-                    print(f"isogal: {COMPILING}", file=sys.stderr, flush=True)
                 now, progress = time.monotonic(), progress_of(figures)
                 if progress is not None:
                     # by the simulator's own count of time, which leaves out the processes' start
                     first = first or now - progress.simulated / max(progress.speed, 1e-9)
                     report(progress)
+                elif not told and processes.compile():
+                    told = True
+                    print(f"isogal: {COMPILING}", file=sys.stderr, flush=True)
                 # where all were told to end, nodes may do so before this process
                 if not interrupt and processes.arrived():
                     break
             return now - first if first is not None else 0.0
         finally:
             executor.shutdown()
-
-
-def _simulators(data: bytes) -> dict[str, str]:
-    """Return the figures of ins_sim_node in serialised diagnostics; none where they have none."""
-    array = deserialize_message(data, DiagnosticArray)
-    found = (one for one in array.status if one.name.rpartition("/")[2] == topics.INS_SIM)
-    return {key: text for one in found for key, text in figures_of(one).items()}
 
 
 def shared_memory() -> set[str]:

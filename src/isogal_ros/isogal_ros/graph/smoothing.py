@@ -1,9 +1,7 @@
 """A recorded voyage, smoothed: its sensor messages are played to fresh nodes as by a replay, whose
 filter keeps its whole history."""
 
-from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +14,7 @@ from isogal.errors import InputError
 from isogal.evaluation.consistency import nees_per_axis
 from isogal.fields.scenario_map import maps_for_scenario
 from isogal.fusion.inertial_navigator import InertialNavigator
-from isogal.fusion.smoothed_track import SmoothedTrack
+from isogal.fusion.smoothed_track import SmoothedTrack, write_smoothed
 from isogal.maps.several import each_map
 from isogal.mcap_files import parts
 from isogal.scenario import Scenario
@@ -35,25 +33,24 @@ from isogal_ros.messages.stamps import among, to_seconds
 
 WHOLE = {"horizon": 1e8}
 """Parameters of a filter whose history goes back three years, s."""
-Figures = dict[str, dict[str, float | None]]
-OF = "smoothed", "at_the_time"
+Figures = dict[str, dict[str, float]]
+"""Of the errors, smoothed and at the time: `position_error_rms`, m, and `nees_per_axis`."""
 
 
-@dataclass(frozen=True)
-class SmoothedBag:
-    """What is known of a recorded voyage afterwards."""
+def smoothed_files(
+    reader: BagReader, played: Replay, out: Path, interval: float
+) -> tuple[int, Figures, list[Path]]:
+    """Smooth a recorded voyage and write it into a folder; return how many states there are, the
+    figures of their errors where the truth is recorded, and the files.
 
-    track: SmoothedTrack
-    rates: Array
-    """(K, 3) angular rates that the gyroscopes measured, rad/s."""
-    figures: Figures
-    """Of the errors where the truth is recorded, smoothed and at the time: `position_error_rms`,
-    m, `nees_per_axis`."""
-
-
-def smoothed_bag(reader: BagReader, played: Replay) -> SmoothedBag:
-    """Smooth a recorded voyage that has been played to a filter which keeps its whole history
-    (`WHOLE`).
+    Parameters
+    ----------
+    reader : BagReader
+    played : Replay
+        Of the bag, to a filter which keeps its whole history (`WHOLE`).
+    out : Path
+    interval : float
+        s between the rows of the files, at least; the bag has every state.
 
     Raises
     ------
@@ -75,7 +72,10 @@ def smoothed_bag(reader: BagReader, played: Replay) -> SmoothedBag:
         _figures(played.outputs),
     )
     track = SmoothedTrack(stamps, states)
-    return SmoothedBag(track, rates, _errors(track, navigator, played.outputs))
+    figures = _errors(track, navigator, played.outputs)
+    paths = write_smoothed(_thinned(track, interval), out)
+    _write_bag(track, rates, played, out / "bag")
+    return len(stamps), figures, [*paths, out / "bag"]
 
 
 def _sensed(reader: BagReader, scenario: Scenario) -> list[Sensed | None]:
@@ -104,8 +104,6 @@ def _figures(outputs: Collector) -> dict[str, float]:
 
 def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collector) -> Figures:
     """Return the figures of the errors; none where the truth is not known."""
-    if not outputs.truth:
-        return {}
     true = Places(outputs.truth).at(_stamps(track, outputs))
     known = np.isfinite(true).all(axis=1)
     if not known.any():
@@ -113,14 +111,14 @@ def _errors(track: SmoothedTrack, navigator: InertialNavigator, outputs: Collect
     then = navigator.track(track.time)
     place = np.array([state.position[:2] for state in track.states])
     covariance = np.array([state.covariance[:2, :2] for state in track.states])
-    rms: dict[str, float | None] = {}
-    nees: dict[str, float | None] = {}
     of_then = then[:, [10, 11, 11, 12]].reshape(-1, 2, 2)
-    for name, where, P in zip(OF, (place, then[:, :2]), (covariance, of_then), strict=True):
+    found: Figures = {"position_error_rms": {}, "nees_per_axis": {}}
+    both = ("smoothed", place, covariance), ("at_the_time", then[:, :2], of_then)
+    for name, where, P in both:
         error = np.asarray(horizontal_difference(*where[known].T, *true[known].T))
-        rms[name] = float(np.sqrt((error**2).sum(axis=-1).mean()))
-        nees[name] = float(np.mean(nees_per_axis(error, P[known])))
-    return {"position_error_rms": rms, "nees_per_axis": nees}
+        found["position_error_rms"][name] = float(np.sqrt((error**2).sum(axis=-1).mean()))
+        found["nees_per_axis"][name] = float(np.mean(nees_per_axis(error, P[known])))
+    return found
 
 
 def _stamps(track: SmoothedTrack, outputs: Collector) -> list[int]:
@@ -129,36 +127,35 @@ def _stamps(track: SmoothedTrack, outputs: Collector) -> list[int]:
 
 
 def keep_recording(folder: Path) -> None:
-    """Raise InputError where a bag in a folder, which `write_bag` would replace, is a recording
-    and not an earlier result."""
+    """Raise InputError where a bag in a folder is a recording, and not an earlier result, which
+    `smoothed_files` would replace."""
     if parts(folder):
         first = next(BagReader(folder).messages(), None)
         if first is not None and not topic_of(first.topic, topics.SMOOTHED.name):
             raise InputError(f"{folder}: holds a recording, which must stay; give another --out")
 
 
-def write_bag(found: SmoothedBag, played: Replay, folder: Path) -> None:
-    """Write a bag with the states on nav/smoothed; a bag in the folder is replaced."""
+def _write_bag(track: SmoothedTrack, rates: Array, played: Replay, folder: Path) -> None:
+    """Write a bag with the states on nav/smoothed, and angular rates (K, 3), rad/s, that the
+    gyroscopes measured; a bag in the folder is replaced."""
     scenario = played.scenario
     frame, message = map_frame(scenario), empty_odometry(topics.SMOOTHED)
     writer = BagWriter(folder, {"scenario": scenario_text(scenario)}, replace=True)
     try:
-        stamps = _stamps(found.track, played.outputs)
-        for ns, state, rate in zip(stamps, found.track.states, found.rates, strict=True):
+        stamps = _stamps(track, played.outputs)
+        for ns, state, rate in zip(stamps, track.states, rates, strict=True):
             fill_state(message, ns, frame, state, rate)
             writer.put(topics.SMOOTHED, message, ns)
     finally:
         writer.close()
 
 
-def thinned(track: SmoothedTrack, interval: float) -> SmoothedTrack:
+def _thinned(track: SmoothedTrack, interval: float) -> SmoothedTrack:
     """Return the states that are at least so many seconds apart, the first and the last among
     them."""
-    kept: list[int] = []
-    times: Sequence[float] = track.time.tolist()
-    for k, time in enumerate(times):
-        if not kept or time - times[kept[-1]] >= interval - 1e-6:
+    kept = [0]
+    for k, time in enumerate(track.time.tolist()):
+        if time - track.time[kept[-1]] >= interval - 1e-6:
             kept.append(k)
-    if kept[-1] != len(times) - 1:
-        kept.append(len(times) - 1)
+    kept = sorted({*kept, len(track.time) - 1})
     return SmoothedTrack(track.time[kept], [track.states[k] for k in kept])

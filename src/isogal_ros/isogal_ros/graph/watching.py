@@ -38,8 +38,8 @@ HOST = "127.0.0.1"
 """Nobody else can connect."""
 LINES_EVERY = 5.0
 """s between lines about the progress where there is no terminal."""
-_PER_SECOND, _LOOKS_PER_SECOND = 5.0, 1.0
-"""How often the terminal shows the progress, and the dashboard looks at the recording."""
+_PER_SECOND = 2.0
+"""How often the terminal shows the progress, and what has been recorded."""
 _LAST = 6
 """Batches and messages shown."""
 _BAR_WIDTH = 20
@@ -100,7 +100,7 @@ class Watch:
 
 @contextmanager
 def watching(
-    watch: Watch | None = None, *, dashboard: bool = False, page: bool = False, port: int = 0
+    watch: Watch | None = None, *, dashboard: bool = False, port: int | None = None
 ) -> Iterator[Report]:
     """Yield a function that takes the progress of a run, which is shown as long as the block
     lasts: by a bar or the dashboard on a terminal, else by a line now and then.
@@ -111,10 +111,8 @@ def watching(
         What dashboard and page show; None = only the progress is shown.
     dashboard : bool
         Whether the terminal shows more than a bar.
-    page : bool
-        Whether a page is served to this machine.
-    port : int
-        Of the page; 0 = any that is free.
+    port : int, optional
+        Of a page that is served to this machine; 0 = any that is free, None = there is none.
 
     Raises
     ------
@@ -144,15 +142,13 @@ def watching(
     if dashboard and not terminal.is_terminal:
         raise InputError("--dashboard: standard error is no terminal")
     with ExitStack() as stack:
-        if watch is not None and page:
+        if watch is not None and port is not None:
             address = stack.enter_context(serve(watch, port))
             print(f"Live page, on this machine only: {address}", file=sys.stderr, flush=True)
         if terminal.is_terminal:
             # rich calls it from a thread of its own
-            rate = _LOOKS_PER_SECOND if dashboard else _PER_SECOND
-            stack.enter_context(
-                Live(console=terminal, refresh_per_second=rate, get_renderable=look)
-            )
+            live = Live(console=terminal, refresh_per_second=_PER_SECOND, get_renderable=look)
+            stack.enter_context(live)
         yield report
 
 
@@ -162,25 +158,15 @@ def _bar(progress: Progress | None) -> RenderableType:
         return "Starting the nodes ..."
     line = Table.grid(padding=(0, 1))
     bar = ProgressBar(progress.duration, progress.simulated, width=_BAR_WIDTH)
-    line.add_row(bar, f"{_percent(progress)}  {_words(progress)}")
+    line.add_row(bar, _words(progress))
     return line
-
-
-def _percent(progress: Progress) -> str:
-    return f"{100.0 * progress.simulated / progress.duration:.0f} %"
 
 
 def _words(progress: Progress) -> str:
     """Say how far it is, and the navigator's error where it is known."""
-    far = f"{_clock(progress.simulated)} of {_clock(progress.duration)}"
-    error = progress.position_error
+    share, error = progress.simulated / progress.duration, progress.position_error
     known = "" if math.isnan(error) else f", error {error:.0f} m"
-    return f"{far}, {progress.speed:.0f} x real time{known}"
-
-
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+    return f"{share:.0%} of {progress.duration:.0f} s, {progress.speed:.0f} x real time{known}"
 
 
 def picture(progress: Progress | None, viewed: ViewedRun | None) -> Panel:
@@ -190,45 +176,29 @@ def picture(progress: Progress | None, viewed: ViewedRun | None) -> Panel:
     if viewed is None:
         parts.append("Waiting for the first reading ...")
     else:
-        parts += [_figures(viewed), _batches(viewed), _messages(viewed)]
+        runs, begin = viewed.runs, viewed.runs.time[0]
+        figures = Table("", "now", "mean", "most", box=None, pad_edge=False)
+        for name, values in (
+            ("error", runs.horizontal_error[0]),
+            ("claimed, 1 sigma", np.sqrt(np.trace(runs.covariance[0], axis1=1, axis2=2))),
+            ("protection level", level_of(runs, viewed.assumed.integrity)[0]),
+            ("unaided INS", runs.unaided_horizontal_error[0]),
+        ):
+            now_mean_most = values[-1], values.mean(), values.max()
+            figures.add_row(name, *(f"{value:.0f} m" for value in now_mean_most))
+        batches = Table("batch", "fix error", "sigma", "outcome", box=None, pad_edge=False)
+        errors = np.linalg.norm(runs.fix_error[0], axis=-1)
+        sigmas = np.sqrt(np.trace(runs.fix_covariance[0], axis1=1, axis2=2))
+        each = zip(runs.fix_time, errors, sigmas, runs.fix_reason[0], strict=True)
+        for time_of, error, sigma, reason in list(each)[-_LAST:]:
+            minutes = f"{(time_of - begin) / 60.0:.0f} min"
+            batches.add_row(minutes, f"{error:.0f} m", f"{sigma:.0f} m", reason or "fix")
+        lines = [
+            f"{(event.time - begin) / 60.0:.0f} min  {event.level}  {event.source}: {event.text}"
+            for event in (viewed.events or ())[-_LAST:]
+        ]
+        parts += [figures, batches, Text("\n".join(lines) or "No warnings.")]
     return Panel(Group(*parts), title="isogal run", expand=False)
-
-
-def _figures(viewed: ViewedRun) -> Table:
-    runs = viewed.runs
-    sigma = np.sqrt(np.trace(runs.covariance[0], axis1=1, axis2=2))
-    level = level_of(runs, viewed.assumed.integrity)[0]
-    table = Table("", "now", "mean", "most", box=None, pad_edge=False)
-    for name, values in (
-        ("error", runs.horizontal_error[0]),
-        ("claimed, 1 sigma", sigma),
-        ("protection level", level),
-        ("unaided INS", runs.unaided_horizontal_error[0]),
-    ):
-        figures = values[-1], values.mean(), values.max()
-        table.add_row(name, *(f"{value:.0f} m" for value in figures))
-    return table
-
-
-def _batches(viewed: ViewedRun) -> Table:
-    runs = viewed.runs
-    table = Table("batch", "fix error", "sigma", "outcome", box=None, pad_edge=False)
-    for batch in range(runs.fix_time.size)[-_LAST:]:
-        minutes = (runs.fix_time[batch] - runs.time[0]) / 60.0
-        error = math.hypot(*runs.fix_error[0, batch])
-        sigma = math.sqrt(float(np.trace(runs.fix_covariance[0, batch])))
-        metres = (f"{value:.0f} m" if math.isfinite(value) else "–" for value in (error, sigma))
-        table.add_row(f"{minutes:.0f} min", *metres, runs.fix_reason[0][batch] or "fix")
-    return table
-
-
-def _messages(viewed: ViewedRun) -> Text:
-    lines = [
-        f"{(event.time - viewed.runs.time[0]) / 60.0:.0f} min  {event.level}  {event.source}:"
-        f" {event.text}"
-        for event in (viewed.events or ())[-_LAST:]
-    ]
-    return Text("\n".join(lines) or "No warnings.")
 
 
 @contextmanager
@@ -293,9 +263,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Cache-Control", "no-store")
         self.send_header(
             "X-Status",
-            "starting"
-            if progress is None
-            else f"running: {_percent(progress)}, {progress.speed:.0f} x real time",
+            "starting" if progress is None else f"running: {_words(progress)}",
         )
         if tag:
             self.send_header("ETag", tag)

@@ -1,19 +1,17 @@
 """Messages of MAVLink (https://mavlink.io/en/messages/common.html) as messages of the graph.
 
-A row of `ROWS` says of a message of MAVLink which topics it is published on, and what turns it
-into their messages. MAVLink's body axes are forward, right, down."""
+MAVLink's body axes are forward, right, down."""
 
 import math
 import socket
 from collections.abc import Callable, Iterator, Mapping
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
-from isogal.arrays import Array
 from isogal.errors import InputError
 from isogal.scenario.data_sheet import G
 from isogal_ros import topics
@@ -40,33 +38,11 @@ _UNREADABLE = "BAD_DATA", "UNKNOWN_"
 _INERTIAL = 0b111111
 """Of HIGHRES_IMU_UPDATED_FLAGS: accelerometers and gyroscopes."""
 
+_UPPER = np.triu_indices(6)
+"""Elements of a covariance (6, 6) that MAVLink sends."""
 Received: TypeAlias = Any
 """A message as pymavlink decodes it, which has no types."""
 Published = Iterator[tuple[Topic, Message]]
-
-
-class Source(NamedTuple):
-    """What sends a message of MAVLink: several of an autopilot's sensors may have the same."""
-
-    component: int
-    sensor: int
-    """Its ``id``, where the message has one."""
-
-    @classmethod
-    def of(cls, found: Received) -> "Source":
-        """Return what has sent a message."""
-        return cls(found.get_srcComponent(), getattr(found, "id", 0))
-
-    def __str__(self) -> str:
-        return f"component {self.component}, id {self.sensor}"
-
-
-class Row(NamedTuple):
-    """What becomes of a message of MAVLink."""
-
-    topics: tuple[Topic, ...]
-    decode: Callable[[Received, int], Published]
-    """Yields messages of a stamp (ns); raises BadMessageError."""
 
 
 def _highres_imu(found: Received, ns: int) -> Published:
@@ -126,39 +102,26 @@ def _odometry(found: Received, ns: int) -> Published:
         raise BadMessageError("ODOMETRY: child_frame_id must be MAV_FRAME_BODY_FRD")
     message = framed(topics.VELOCITY, BASE)
     fill_twist(message, ns, np.array([found.vx, found.vy, found.vz]) * FRD_FLU)
-    covariance = _upper(found.velocity_covariance)
-    if covariance is not None:
+    upper = np.zeros((6, 6))
+    upper[_UPPER] = found.velocity_covariance
+    if not np.isnan(upper[0, 0]):
+        covariance = (upper + np.triu(upper, 1).T)[:3, :3]
         turned = np.asarray(message.twist.covariance).reshape(6, 6).copy()
-        turned[:3, :3] = FRD_FLU[:, None] * covariance[:3, :3] * FRD_FLU
+        turned[:3, :3] = FRD_FLU[:, None] * covariance * FRD_FLU
         message.twist.covariance = turned.ravel()
     yield topics.VELOCITY, message
 
 
-def _upper(values: list[float]) -> Array | None:
-    """Return a covariance (6, 6) from its upper triangle, row by row; None where it is unknown."""
-    if math.isnan(values[0]):
-        return None
-    upper = np.zeros((6, 6))
-    upper[np.triu_indices(6)] = values
-    return np.asarray(upper + np.triu(upper, 1).T)
-
-
-ROWS: Mapping[str, Row] = {
-    "HIGHRES_IMU": Row((topics.IMU,), _highres_imu),
-    "RAW_IMU": Row((topics.IMU,), _milli_imu),
-    "SCALED_IMU": Row((topics.IMU,), _milli_imu),
-    "SCALED_PRESSURE": Row((topics.BAROMETER,), _pressure),
-    "GPS_RAW_INT": Row((topics.GNSS_FIX, topics.GNSS_VELOCITY), _gps),
-    "ODOMETRY": Row((topics.VELOCITY,), _odometry),
+ROWS: Mapping[str, tuple[tuple[Topic, ...], Callable[[Received, int], Published]]] = {
+    "HIGHRES_IMU": ((topics.IMU,), _highres_imu),
+    "RAW_IMU": ((topics.IMU,), _milli_imu),
+    "SCALED_IMU": ((topics.IMU,), _milli_imu),
+    "SCALED_PRESSURE": ((topics.BAROMETER,), _pressure),
+    "GPS_RAW_INT": ((topics.GNSS_FIX, topics.GNSS_VELOCITY), _gps),
+    "ODOMETRY": ((topics.VELOCITY,), _odometry),
 }
-"""By name of MAVLink's message."""
-
-
-def time_of(found: Received) -> int:
-    """Return the time of a message, ns, since 1970 or since its sender's start."""
-    if hasattr(found, "time_usec"):
-        return int(found.time_usec) * 1000
-    return int(found.time_boot_ms) * 1_000_000
+"""By name of MAVLink's message: the topics that it is published on, and what yields their
+messages, of a stamp (ns); it raises BadMessageError."""
 
 
 class SenderClock:
@@ -223,17 +186,20 @@ class Receiver:
         self._node, self._system = node, node.settings.system_id
         self._decoder = dialect.MAVLink(None)
         self._decoder.robust_parsing = True  # what is damaged is left out, and raises nothing
-        self._wanted = {name: _row(name) for name in node.settings.sensors}
-        publish = [topic for row in self._wanted.values() for topic in row.topics]
+        for name in node.settings.sensors:
+            if name not in ROWS:
+                raise InputError(f"sensors: must be of {', '.join(ROWS)}, not {name!r}")
+        self._wanted = {name: ROWS[name] for name in node.settings.sensors}
+        publish = [topic for of, _ in self._wanted.values() for topic in of]
         if len(set(publish)) < len(publish):
             raise InputError("sensors: two of them are for one topic; name one")
         self._publishers = {topic: node.advertise(topic) for topic in publish}
         self._clock, self._at = SenderClock(), at
-        self._used: dict[str, tuple[Source, float]] = {}
-        """By message, whose it is, and when it came last, s of `GraphNode.monotonic`."""
-        self._heard: dict[tuple[int, str], float] = {}
-        """When each message of each system came last, wanted or not."""
-        self._begun = node.monotonic()
+        self._used = {name: ("", node.monotonic()) for name in self._wanted}
+        """By message, which component and sensor it is of, and when it came last, s of
+        `GraphNode.monotonic`."""
+        self._others: dict[str, float] = {}
+        """When others came last: those of other systems, or that are not wanted."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind(at)
@@ -255,54 +221,47 @@ class Receiver:
                 name, system = found.get_type(), found.get_srcSystem()
                 if name.startswith(_UNREADABLE):
                     continue
-                self._heard[system, name] = self._node.monotonic()
                 if name in self._wanted and system == self._system:
                     self._take(found)
+                else:
+                    self._others[f"{name} of system {system}"] = self._node.monotonic()
 
     def _missing(self) -> str | None:
         """Say which messages do not come, and what comes in their place; None = all come."""
-        now, where = self._node.monotonic(), f"receive: {self._at[0]}:{self._at[1]}"
-        last = {name: self._used.get(name, (None, self._begun))[1] for name in self._wanted}
-        late = [name for name, time in last.items() if now - time > PATIENCE]
+        begin = self._node.monotonic() - PATIENCE
+        late = [name for name, (_, time) in self._used.items() if time < begin]
         if not late:
             return None
-        there = sorted(one for one, time in self._heard.items() if now - time <= PATIENCE)
-        if not there:
-            return f"{where}: nothing comes; have the autopilot, or its router, send there"
-        own = [name for system, name in there if system == self._system]
-        if not own:
-            systems = ", ".join(sorted({str(system) for system, _ in there}))
-            return f"{where}: messages of system {systems}, not of {self._system} (system_id)"
+        others = sorted(name for name, time in self._others.items() if time >= begin)
         return (
-            f"{where}: no {', '.join(late)} among {', '.join(own)}; request what is missing of the"
-            " autopilot, or leave it out of `sensors`"
+            f"receive: {self._at[0]}:{self._at[1]}: no {', '.join(late)} of system {self._system};"
+            f" others that come: {', '.join(others) or 'none'}"
         )
 
     def _take(self, found: Received) -> None:
         if not self._node.active:
             return
         name = found.get_type()
-        row = self._wanted[name]
-        now, here, source = self._node.now_ns(), self._node.monotonic(), Source.of(found)
-        used, last = self._used.get(name, (source, here))
-        if source != used and here - last <= PATIENCE:
-            self._node.health.drop(row.topics[0].name, f"{name} of {source}: {used} is used")
+        of, decode = self._wanted[name]
+        now, here = self._node.now_ns(), self._node.monotonic()
+        source = f"component {found.get_srcComponent()}, id {getattr(found, 'id', 0)}"
+        used, last = self._used[name]
+        if used not in ("", source) and here - last <= PATIENCE:
+            self._node.health.drop(of[0].name, f"{name} of {source}: {used} is used")
             return
         self._used[name] = source, here
         try:
-            for topic, message in row.decode(found, self._clock.stamp(time_of(found), now)):
+            if hasattr(found, "time_usec"):
+                time = int(found.time_usec) * 1000
+            else:
+                time = int(found.time_boot_ms) * 1_000_000
+            for topic, message in decode(found, self._clock.stamp(time, now)):
                 self._publishers[topic].publish(message)
         except BadMessageError as error:
-            self._node.health.drop(row.topics[0].name, str(error))
+            self._node.health.drop(of[0].name, str(error))
             return
         self._node.health.count("received")
 
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
-
-
-def _row(name: str) -> Row:
-    if name not in ROWS:
-        raise InputError(f"sensors: must be of {', '.join(ROWS)}, not {name!r}")
-    return ROWS[name]

@@ -21,7 +21,6 @@ from isogal_ros.messages.position import read_point, to_ned
 
 GPS_INPUT, VISION = "GPS_INPUT", "VISION_POSITION_ESTIMATE"
 SENSOR = "GLOBAL_POSITION_SENSOR"
-SENT = (GPS_INPUT, VISION, SENSOR)
 _SOURCES = {"terrain": "TERRAIN", "ground": "TERRAIN", "magnetic": "MAGNETIC"}
 """Of GLOBAL_POSITION_SRC, by field; what is sent of the others is an estimate."""
 FIX_3D = 3

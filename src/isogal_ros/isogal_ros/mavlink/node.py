@@ -4,7 +4,7 @@ datagrams."""
 import socket
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from diagnostic_msgs.msg import DiagnosticArray
 from pydantic import Field
@@ -15,10 +15,8 @@ from isogal.errors import InputError
 from isogal.sensors.scans import Thinning
 from isogal_ros import topics
 from isogal_ros.mavlink.decoding import PATIENCE, ROWS, Receiver
-from isogal_ros.mavlink.destination import Destination, host_and_port
 from isogal_ros.mavlink.encoding import (
     GPS_INPUT,
-    SENT,
     VISION,
     global_position_sensor,
     gps_input,
@@ -38,42 +36,6 @@ LIKELY = 0.5
 """Probability from which on the navigator is taken to be somewhere else."""
 
 
-class Silence:
-    """Follows what the matcher says of each batch, and the navigator's answers."""
-
-    def __init__(self) -> None:
-        self._lost = self._found = False
-        self._elsewhere, self._aligned = False, False
-        self._fixed: int | None = None
-        self.resets = 0
-        """How often the position has jumped to another place."""
-
-    @property
-    def why(self) -> str | None:
-        """Why nothing may be sent; None = it may."""
-        if self._lost or self._elsewhere:
-            return "the navigator has diverged"
-        return None if self._aligned else "the navigator is not aligned"
-
-    def batch(self, lost: bool, published: bool) -> None:
-        """Take what a batch says: that the navigator was lost, and that there is a fix."""
-        self._lost = self._lost or lost
-        self._found = self._lost and published
-
-    def probability(self, elsewhere: float) -> None:
-        """Take how probable it is that the navigator is at another place."""
-        self._elsewhere = elsewhere > LIKELY
-
-    def fix(self, ns: int, aligned: bool) -> None:
-        """Take the stamp of a message on nav/fix, the second of which is after a fix, and whether
-        it says that the navigator is aligned."""
-        self._aligned = aligned
-        if ns == self._fixed and self._found:
-            self._lost = self._found = False
-            self.resets += 1
-        self._fixed = ns
-
-
 class MavlinkSettings(NodeSettings):
     """Own parameters of isogal_mavlink."""
 
@@ -81,8 +43,8 @@ class MavlinkSettings(NodeSettings):
         "127.0.0.1:14550",
         description="host:port that takes MAVLink 2 by UDP, a router or autopilot",
     )
-    message: str = Field(
-        GPS_INPUT, description=f"what is sent: {', '.join(SENT)}; empty = nothing but heartbeats"
+    message: Literal["", "GPS_INPUT", "VISION_POSITION_ESTIMATE", "GLOBAL_POSITION_SENSOR"] = (
+        Field("GPS_INPUT", description="what is sent; empty = nothing but heartbeats")
     )
     receive: str = Field(
         "",
@@ -108,6 +70,8 @@ class MavlinkSettings(NodeSettings):
 MAVLINK = "isogal_mavlink"
 EARLY = 0.05
 """Of the interval between messages, by which one may come before its time: stamps jitter."""
+AGAIN = 30.0
+"""s between look-ups of a host's name."""
 
 
 class MavlinkNode(GraphNode[MavlinkSettings]):
@@ -119,22 +83,27 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
     def setup(self) -> None:
         """Open the socket and make subscriptions."""
         self._dialect = _dialect()
-        if self.settings.message not in ("", *SENT):
-            raise InputError(
-                f"message: must be {', '.join(SENT)} or empty, not {self.settings.message!r}"
-            )
-        self._to = Destination(*host_and_port("address", self.settings.address))
+        self._host = _host_and_port("address", self.settings.address)
+        self._to: tuple[str, int] | None = None
+        """Address of the host; None = not known yet."""
+        self._again = 0.0
+        """When (s) it is looked up again: without a server of names that takes seconds."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         # without it a datagram to all of a network is refused
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         self._mavlink = self._dialect.MAVLink(
             None, self.settings.system_id, self.settings.component_id
         )
-        self._silence, self._frame = Silence(), map_frame(self.scenario)
+        self._frame = map_frame(self.scenario)
+        self._lost = self._found = self._elsewhere = self._aligned = False
+        """Whether the navigator was lost, there has been a fix since, it is probably at another
+        place, and it is aligned."""
+        self._fixed, self._resets = -1, 0
+        """Stamp of the last message on nav/fix, and how often the position has jumped."""
         self._pace = Thinning(from_seconds(1.0 / self.settings.rate), EARLY)
         self._receiver: Receiver | None = None
         if self.settings.receive:
-            at = host_and_port("receive", self.settings.receive)
+            at = _host_and_port("receive", self.settings.receive)
             self._receiver = Receiver(self, self._dialect, at)
         if not self.settings.message:
             return
@@ -154,24 +123,30 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
 
     def _take_information(self, message: PointCloud2) -> None:
         fix = read_fix_information(message).fix
-        self._silence.batch(fix.reset, fix.published)
+        self._lost = self._lost or fix.reset
+        self._found = self._lost and fix.published
 
     def _take_diagnostics(self, array: DiagnosticArray) -> None:
         own = f"{self.get_namespace()}/{topics.PMHT_MM}: batch".lstrip("/")
         for item in array.status:
             if item.name == own:
-                self._silence.probability(float(figures_of(item).get("diverged", "0")))
+                self._elsewhere = float(figures_of(item).get("diverged", "0")) > LIKELY
 
     def _take_fix(self, message: NavSatFix) -> None:
-        aligned = message.status.status != NavSatStatus.STATUS_NO_FIX
-        self._silence.fix(to_ns(message.header.stamp), aligned)
+        ns = to_ns(message.header.stamp)
+        self._aligned = message.status.status != NavSatStatus.STATUS_NO_FIX
+        if ns == self._fixed and self._found:  # the second of a stamp is after a fix
+            self._lost = self._found = False
+            self._resets += 1
+        self._fixed = ns
 
     def _take_odometry(self, data: bytes) -> None:
         odometry = read_odometry(data)
         self._heard = self.monotonic()
         self.health.stamp = odometry.ns
-        if (why := self._silence.why) is not None:
-            self.health.state(WARN, f"silent: {why}")
+        if self._lost or self._elsewhere or not self._aligned:
+            why = "is not aligned" if not (self._lost or self._elsewhere) else "has diverged"
+            self.health.state(WARN, f"silent: the navigator {why}")
             return
         require_usable(odometry)
         if not self._pace.takes(odometry.ns):
@@ -183,22 +158,24 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
             field = self.scenario.measured_field
             made = global_position_sensor(self._dialect, odometry, self._frame, field)
         else:
-            made = vision_position_estimate(self._dialect, odometry, self._silence.resets)
+            made = vision_position_estimate(self._dialect, odometry, self._resets)
         self._send(made)
         self.health.count("sent")
         self.health.state(OK, "sending")
 
     def _send(self, message: Any) -> None:
-        if self._to.address is None:
-            self.health.concern("sending", f"{self.settings.address}: {self._to.why}")
-            return
         try:
-            # the sequence number is that of this sender
-            self._socket.sendto(message.pack(self._mavlink), self._to.address)
-            self._mavlink.seq = (self._mavlink.seq + 1) % 256
-            self.health.concern("sending", None)
-        except OSError as error:
-            self.health.concern("sending", f"{self.settings.address}: {error.strerror or error}")
+            if self._to is None and self.monotonic() >= self._again:
+                self._again = self.monotonic() + AGAIN
+                self._to = socket.gethostbyname(self._host[0]), self._host[1]
+            if self._to is not None:
+                # the sequence number is that of this sender
+                self._socket.sendto(message.pack(self._mavlink), self._to)
+                self._mavlink.seq = (self._mavlink.seq + 1) % 256
+                self.health.concern("sending", None)
+        except (OSError, UnicodeError) as error:
+            why = getattr(error, "strerror", None) or error
+            self.health.concern("sending", f"{self.settings.address}: {why}")
 
     def _beat(self) -> None:
         if self.active:  # HEARTBEAT: onboard controller, no autopilot, active
@@ -216,9 +193,17 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         super().destroy_node()
 
     def _close_sockets(self) -> None:
-        for name in ("_to", "_socket", "_receiver"):
+        for name in ("_socket", "_receiver"):
             if (one := getattr(self, name, None)) is not None:
                 one.close()
+
+
+def _host_and_port(name: str, text: str) -> tuple[str, int]:
+    """Return what a parameter says; raises InputError where it is no ``host:port``."""
+    host, _, port = text.rpartition(":")
+    if not (host and port.isdecimal() and 0 < int(port) < 65536):
+        raise InputError(f"{name}: must be host:port, not {text!r}")
+    return host, int(port)
 
 
 def _dialect() -> ModuleType:
