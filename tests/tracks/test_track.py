@@ -4,7 +4,6 @@ reduction, means of stretches."""
 from dataclasses import replace
 
 import numpy as np
-import pandas
 import pytest
 
 from helpers.tracks import field_of, made_track
@@ -48,6 +47,8 @@ def test_wrong_numbers_are_refused(changes, message):
 
 def test_columns_may_be_lists_masked_or_labelled():
     """A table's column keeps the labels of its rows, by which arithmetic would pair them."""
+    import pandas  # a second, of the process that comes to this test
+
     track = changed()
     holed = np.ma.array(track.value, mask=np.arange(60) == 3, fill_value=-9999.0)
     labelled = pandas.Series(track.sigma, index=np.arange(60) + 7)
