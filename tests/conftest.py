@@ -30,10 +30,12 @@ from isogal.errors import InputError  # noqa: E402
 from isogal.fields import derived_maps  # noqa: E402
 from isogal.fields.derived_maps import shared_maps  # noqa: E402
 from isogal.maps.field_map import FieldMap  # noqa: E402
+from isogal.maps.synthetic import tiles  # noqa: E402
 from isogal.scenario import validate_scenario  # noqa: E402
 
-# No deadline: a first call compiles, and the machine may be busy. The same examples at every run.
-settings.register_profile("isogal", deadline=None, derandomize=True)
+# No deadline: a first call compiles, and the machine may be busy. The same examples at every run,
+# so that more of them would find what is wrong once or never.
+settings.register_profile("isogal", deadline=None, derandomize=True, max_examples=25)
 settings.load_profile("isogal")
 
 # Commands that the tests interrupt must hear it, also where a shell without job control has
@@ -101,11 +103,11 @@ def nothing_old_is_searched_for_garbage() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def maps_once() -> Iterator[None]:
-    """Maps that are computed from others are computed once for all tests of a worker, and by it: a
-    process of their own takes seconds to begin."""
+def maps_here() -> Iterator[None]:
+    """Maps that are computed from others are computed once for all tests of a worker, and by it,
+    as are tiles of the synthetic map: a process of their own takes seconds to begin."""
 
-    def here(words: list[Any], *, input: bytes, **_: object) -> SimpleNamespace:
+    def derived(words: list[Any], *, input: bytes, **_: object) -> SimpleNamespace:
         task = json.loads(input)
         try:
             made = derived_maps.compute(validate_scenario(task["scenario"]), task["margin"])
@@ -115,8 +117,14 @@ def maps_once() -> Iterator[None]:
         derived_maps._write(words[-1], made)
         return SimpleNamespace(returncode=0)
 
+    def no_other_process(*_: object, **__: object) -> None:
+        raise OSError
+
     with pytest.MonkeyPatch.context() as patch, shared_maps():
-        patch.setattr(derived_maps, "subprocess", SimpleNamespace(run=here))
+        patch.setattr(derived_maps, "subprocess", SimpleNamespace(run=derived))
+        patch.setattr(
+            tiles, "subprocess", SimpleNamespace(Popen=no_other_process, PIPE=0, DEVNULL=0)
+        )
         yield
 
 

@@ -8,7 +8,6 @@ import netCDF4
 import numpy as np
 import pytest
 import rasterio
-import xarray
 from rasterio.transform import from_origin
 
 from isogal.errors import InputError
@@ -96,12 +95,18 @@ def netcdf(path, field_map, units="m s-2", **changes):
 def together(path, *maps, names=()):
     """Write maps of the same nodes to one file, as variables of some names or of their
     quantities."""
-    parts = []
     for one, name in zip_longest(maps, names):
-        write_netcdf(one, path, name)
-        with xarray.open_dataset(path) as dataset:
-            parts.append(dataset.load())
-    xarray.merge(parts, combine_attrs="override").to_netcdf(path)
+        part = path.with_suffix(".part")
+        write_netcdf(one, part, name)
+        if one is maps[0]:
+            part.rename(path)
+            continue
+        with netCDF4.Dataset(path, "a") as dataset, netCDF4.Dataset(part) as more:
+            for key in more.variables.keys() - dataset.variables.keys():
+                added = dataset.createVariable(key, "f8", ("lat", "lon"), fill_value=np.nan)
+                attributes = vars(more[key])
+                added.setncatts({key: attributes[key] for key in attributes if key[0] != "_"})
+                added[:] = more[key][:]
     return path
 
 

@@ -1,14 +1,14 @@
-"""Reads what the packages under src/ declare: setup.py, package.xml, imports."""
+"""Reads what the packages under src/ declare, as installed and in package.xml, and import."""
 
 import ast
-import re
 import sys
-import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from functools import cache
+from importlib.metadata import distribution
 from pathlib import Path
-from typing import Any
+
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = sorted(path.parent for path in (ROOT / "src").glob("*/package.xml"))
@@ -36,73 +36,20 @@ ROS = {
 }
 
 
-def pip_only() -> set[str]:
-    """Import names of what docker/ installs with pip because apt has none or too old a one."""
-    lines = (ROOT / "docker" / "requirements.in").read_text(encoding="utf-8").splitlines()
-    names = {
-        re.split(r"[\[<>=; ]", line, maxsplit=1)[0] for line in lines if line and line[0].isalpha()
-    }
-    return {{"mcap-ros2-support": "mcap_ros2"}.get(name, name) for name in names}
-
-
-def setup_arguments(package: Path) -> dict[str, Any]:
-    """Return the literal arguments of the setup() call, and those that are the variable
-    PACKAGE; where there is a pyproject.toml, what it says in their form."""
-    tree = ast.parse((package / "setup.py").read_text(encoding="utf-8"))
-    call = next(
-        node
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup"
-    )
-    arguments = _pyproject_arguments(package)
-    for keyword in call.keywords:
-        if isinstance(keyword.value, ast.Name) and keyword.value.id == "PACKAGE":
-            arguments[str(keyword.arg)] = package.name
-            continue
-        try:
-            arguments[str(keyword.arg)] = ast.literal_eval(keyword.value)
-        except ValueError:
-            continue  # find_packages() and data files are not literals
-    return arguments
-
-
-def _pyproject_arguments(package: Path) -> dict[str, Any]:
-    path = package / "pyproject.toml"
-    if not path.is_file():
-        return {}
-    project = project_table(package)
-    groups = {"console_scripts": project["scripts"], **project["entry-points"]}
-    found = re.search(
-        r'^__version__ = "(.+)"$',
-        (package / package.name / "__init__.py").read_text(encoding="utf-8"),
-        re.MULTILINE,
-    )
-    assert found is not None
+def required(lines: Iterable[str], extra: str = "") -> set[str]:
+    """Names of the distributions in lines as pip reads them, in lower case; those of one extra
+    besides those of none."""
+    found = (Requirement(line.partition(" #")[0]) for line in lines if line[:1].isalpha())
     return {
-        "name": project["name"],
-        "description": project["description"],
-        "version": found[1],
-        "entry_points": {
-            group: [f"{name} = {target}" for name, target in entries.items()]
-            for group, entries in groups.items()
-        },
+        one.name.lower()
+        for one in found
+        if one.marker is None or one.marker.evaluate({"extra": extra})
     }
 
 
-def project_table(package: Path) -> dict[str, Any]:
-    """Return what a package's pyproject.toml says of it."""
-    text = (package / "pyproject.toml").read_text(encoding="utf-8")
-    table: dict[str, Any] = tomllib.loads(text)["project"]
-    return table
-
-
-def requirement_names(lines: Iterable[str]) -> set[str]:
-    """Return the names of required distributions, in lower case."""
-    return {
-        re.split(r"[\[<>=!~; ]", line, maxsplit=1)[0].lower()
-        for line in lines
-        if line[:1].isalpha()
-    }
+def required_by_file(name: str) -> set[str]:
+    """The same of a file of requirements, relative to the repository."""
+    return required((ROOT / name).read_text(encoding="utf-8").splitlines())
 
 
 def dependencies(package: Path) -> set[str]:
@@ -128,11 +75,6 @@ def imports(package: Path) -> set[str]:
 def executables() -> dict[str, set[str]]:
     """Package -> names of its console scripts."""
     return {
-        package.name: {
-            script.partition("=")[0].strip()
-            for script in (
-                setup_arguments(package).get("entry_points", {}).get("console_scripts", [])
-            )
-        }
-        for package in PACKAGES
+        name: distribution(name).entry_points.select(group="console_scripts").names
+        for name in NAMES
     }

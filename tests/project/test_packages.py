@@ -2,7 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from configparser import ConfigParser
-from importlib.metadata import EntryPoint
+from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
@@ -16,10 +16,8 @@ from helpers.packages import (
     ROS,
     dependencies,
     imports,
-    pip_only,
-    project_table,
-    requirement_names,
-    setup_arguments,
+    required,
+    required_by_file,
 )
 from isogal.cli.errors import EXTRAS
 
@@ -28,12 +26,12 @@ from isogal.cli.errors import EXTRAS
 def test_package_xml_and_setup_agree(package: Path) -> None:
     root = ET.parse(package / "package.xml").getroot()
     manifest = {element.tag: element.text for element in root}
-    setup = setup_arguments(package)
+    metadata = distribution(package.name).metadata
     assert root.get("format") == "3"
-    for key in ("name", "version", "description", "license"):
-        assert manifest[key] == setup[key], key
+    for key, known in (("name", "Name"), ("version", "Version"), ("description", "Summary")):
+        assert manifest[key] == metadata[known], key
     assert manifest["name"] == package.name
-    assert manifest["license"] == "Apache-2.0"
+    assert manifest["license"] == metadata["License"] == "Apache-2.0"
     assert manifest["version"] == isogal.__version__
     assert root.findtext("export/build_type") == "ament_python"
 
@@ -49,24 +47,23 @@ DISTRIBUTIONS = {
 
 
 def test_pip_installs_what_the_library_imports() -> None:
-    project = project_table(LIBRARY)
-    extras = project["optional-dependencies"]
-    declared = requirement_names(
-        [*project["dependencies"], *(line for lines in extras.values() for line in lines)]
-    )
+    library = distribution("isogal")
+    core = required(library.requires)
+    extras = {
+        extra: required(library.requires, extra)
+        for extra in library.metadata.get_all("Provides-Extra")
+    }
+    declared = core.union(*extras.values())
     needed = {
         DISTRIBUTIONS.get(name, name).lower()
         for name in imports(LIBRARY) - ROS - {"isogal_ros", "setuptools"}
     }
     assert needed <= declared
-    wanted = (ROOT / "requirements.in").read_text(encoding="utf-8").splitlines()
-    core = requirement_names(project["dependencies"])
-    assert core <= requirement_names(wanted)
+    assert core <= required_by_file("requirements.in")
     # what a plain installation does without is named when it is missed
-    assert {DISTRIBUTIONS.get(name, name) for name in EXTRAS} <= declared
-    for name, extra in EXTRAS.items():
-        assert DISTRIBUTIONS.get(name, name) in requirement_names(extras[extra])
-    assert needed - core <= {DISTRIBUTIONS.get(name, name) for name in EXTRAS}
+    named = {DISTRIBUTIONS.get(name, name): extra for name, extra in EXTRAS.items()}
+    assert all(name in extras[extra] for name, extra in named.items())
+    assert needed - core <= named.keys()
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
@@ -80,11 +77,8 @@ def test_ament_finds_the_package_and_colcon_its_tests(package: Path) -> None:
     assert config["develop"]["script_dir"] == f"$base/lib/{package.name}"
     assert config["tool:pytest"]["testpaths"] == "test"
     assert list((package / "test").glob("test_*.py"))
-    pyproject = package / "pyproject.toml"
-    extras = setup_arguments(package).get("extras_require") or (
-        project_table(package)["optional-dependencies"] if pyproject.exists() else {}
-    )
-    assert extras["test"] == ["pytest"]
+    requires = distribution(package.name).requires
+    assert required(requires, "test") - required(requires) == {"pytest"}
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
@@ -111,9 +105,14 @@ OPTIONAL = {"pymavlink", "pyshtools"}
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
 def test_every_import_is_declared(package: Path) -> None:
     declared = dependencies(package)
+    # what docker/ installs with pip, because apt has none or too old a one
+    pip_only = {
+        name.replace("-support", "").replace("-", "_")
+        for name in required_by_file("docker/requirements.in")
+    }
     undeclared = {
         name
-        for name in imports(package) - pip_only() - OPTIONAL
+        for name in imports(package) - pip_only - OPTIONAL
         if (
             name not in declared if name in ROS or name in NAMES else APT.get(name) not in declared
         )
@@ -125,11 +124,9 @@ def test_every_import_is_declared(package: Path) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=NAMES)
 def test_entry_points_can_be_imported(package: Path) -> None:
-    for group, lines in setup_arguments(package).get("entry_points", {}).items():
-        for line in lines:
-            name, _, target = (part.strip() for part in line.partition("="))
-            found = EntryPoint(name, target, group).load()
-            assert group != "console_scripts" or callable(found), line
+    for entry in distribution(package.name).entry_points:
+        found = entry.load()
+        assert entry.group != "console_scripts" or callable(found), entry
 
 
 def test_colcon_workspace_holds_the_sources() -> None:

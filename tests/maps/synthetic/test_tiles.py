@@ -2,7 +2,7 @@
 
 import os
 import shutil
-import sys
+import subprocess
 
 import numpy as np
 import pytest
@@ -47,8 +47,10 @@ def own_cache(tmp_path_factory):
             synthetic._path(tile).parent.mkdir(exist_ok=True)
             shutil.copy(path, synthetic._path(tile))
         patch.setattr(synthetic, "make_tile", lambda *corner: here.append(corner) or real(*corner))
-        for _ in synthetic.read_tiles("gravity", TILES, lambda *done: seen.append(done)):
-            pass
+        with pytest.MonkeyPatch.context() as real_one:  # all other tests have none
+            real_one.setattr(synthetic, "subprocess", subprocess)
+            for _ in synthetic.read_tiles("gravity", TILES, lambda *done: seen.append(done)):
+                pass
         yield folder / f"synthetic-{VERSION}", seen, here
 
 
@@ -93,7 +95,6 @@ def test_tiles_are_made_in_another_process_or_else_here(own_cache, tmp_path, mon
     assert not here and seen[-1] == (len(TILES), len(TILES))
     assert seen == sorted(seen)
     monkeypatch.setenv("ISOGAL_CACHE", str(tmp_path))
-    monkeypatch.setattr(sys, "executable", "/nonexistent/python")
     np.testing.assert_array_equal(synthetic_map("gravity", part).values, child.values)
     assert here == [(10, 179)]
 

@@ -4,7 +4,7 @@ the filter and smoother."""
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from isogal.maps.interpolation import Grid, values_at
@@ -107,7 +107,6 @@ def test_missing_and_outside_are_never_candidates():
     assert edge.min() > 0.0  # the outermost nodes cannot be interpolated
 
 
-@settings(max_examples=25, deadline=None)
 @given(
     north=st.floats(900.0, 3100.0),
     east=st.floats(900.0, 3100.0),

@@ -133,7 +133,7 @@ def _terrain_correction(height: Array, reach: tuple[int, int], cell: tuple[float
 
     The square multiplies out to two convolutions with 1/r³ and a constant, so that FFTs do it.
     """
-    from scipy.signal import oaconvolve
+    from scipy.fft import irfft2, next_fast_len, rfft2  # scipy.signal takes seconds to import
 
     north, east = (size * np.arange(-n, n + 1) for n, size in zip(reach, cell, strict=True))
     distance = np.hypot(north[:, None], east[None, :])
@@ -141,6 +141,13 @@ def _terrain_correction(height: Array, reach: tuple[int, int], cell: tuple[float
     kernel = np.divide(1.0, distance**3, out=np.zeros_like(distance), where=near)
     level = height - height.mean()  # keeps the differences below small against rounding
     here = level[reach[0] : -reach[0], reach[1] : -reach[1]]
-    first, second = (oaconvolve(power, kernel, mode="valid") for power in (level, level**2))
+    shape = [next_fast_len(size, real=True) for size in height.shape]
+    spectrum = rfft2(kernel, shape)
+    first, second = (
+        irfft2(rfft2(power, shape) * spectrum, shape)[
+            2 * reach[0] : height.shape[0], 2 * reach[1] : height.shape[1]
+        ]  # where the kernel lies on the map
+        for power in (level, level**2)
+    )
     integral = second - 2.0 * here * first + here**2 * kernel.sum()
     return _PLATE / (4.0 * math.pi) * cell[0] * cell[1] * integral
