@@ -24,7 +24,7 @@ def file(small_map, tmp_path):
     ("name", "words", "message"),
     [
         ("none.nc", (), "none.nc: no such file or folder"),
-        ("map.nc", ("--variable", "nix"), "no variable 'nix'"),
+        ("map.nc", ("--variable", "nix"), "has no grid 'nix'"),
         ("map.nc", ("--quantity", "nix"), "unknown quantity 'nix'; known: gravity, disturbance, "),
         ("map.nc", ("--format", "nix"), "unknown map format 'nix'"),
         ("map.nc", ("--format", "xyz"), "map.nc"),

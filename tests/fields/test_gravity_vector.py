@@ -112,16 +112,21 @@ def test_normal_gravity_is_no_vector(world):
 @pytest.mark.parametrize(
     ("gravity", "told", "expected"),
     [
-        ({}, 3e-5, lambda spread: np.hypot(3e-5 / np.sqrt(2.0), 1e-6)),
-        # until readings have shown it, as wrong as a map may be
-        ({}, "auto", lambda spread: np.hypot(8e-5 / np.sqrt(2.0), 1e-6)),
-        ({"compensation": "none"}, 0.0, lambda spread: np.hypot(spread, 1e-6)),
-        ({"compensated_share": 0.8}, 0.0, lambda spread: np.hypot(0.2 * spread, 1e-6)),
-        ({"residual_sigma": 7e-5}, 3e-5, lambda spread: 7e-5),
+        ({}, {"map_sigma": 3e-5}, lambda spread: np.hypot(3e-5 / np.sqrt(2.0), 1e-6)),
+        # until readings have shown it, as wrong as a map may be; of a matcher that does not learn
+        ({}, {"map_sigma": "auto"}, lambda spread: np.hypot(8e-5 / np.sqrt(2.0), 1e-6)),
+        ({}, {"name": "tercom"}, lambda spread: np.hypot(2e-5 / np.sqrt(2.0), 1e-6)),
+        ({"compensation": "none"}, {"map_sigma": 0.0}, lambda spread: np.hypot(spread, 1e-6)),
+        (
+            {"compensated_share": 0.8},
+            {"map_sigma": 0.0},
+            lambda spread: np.hypot(0.2 * spread, 1e-6),
+        ),
+        ({"residual_sigma": 7e-5}, {"map_sigma": 3e-5}, lambda spread: 7e-5),
     ],
 )
 def test_what_is_believed_to_be_left(world, gravity, told, expected):
-    scenario = changed(world, gravity=gravity, matcher={"map_sigma": told})
+    scenario = changed(world, gravity=gravity, matcher=told)
     trajectory = build_trajectory(scenario)
     along = gravity_vector(scenario, trajectory).horizontal.value(
         trajectory.latitude, trajectory.longitude

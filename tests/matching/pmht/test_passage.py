@@ -11,7 +11,6 @@ from helpers.bank import models
 from isogal.fusion.assumed import filter_model
 from isogal.fusion.inertial_navigator import InertialNavigator
 from isogal.fusion.measurements import VelocityReading
-from isogal.fusion.passage import rows_of
 from isogal.fusion.state import FilterState
 from isogal.inertial.error_state import BATCH_STATES, HEADING, Estimate
 from isogal.inertial.rotations import cross_matrix, from_rotation_vector, multiply
@@ -125,7 +124,7 @@ def test_what_a_bias_adds_is_not_taken_for_new_at_every_fix() -> None:
 def test_slow_errors_are_followed_where_they_decide(keys, followed) -> None:
     model = filter_model(changed_scenario(Scenario(), keys, "test"))
     assert model.slow_errors == followed
-    assert (len(rows_of(model)) > BATCH_STATES) == followed
+    assert (len(model.passage_rows()) > BATCH_STATES) == followed
 
 
 def test_a_navigator_that_is_worse_than_it_says_has_been_told_less() -> None:

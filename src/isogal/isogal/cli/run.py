@@ -206,6 +206,8 @@ def smooth(
     recorded, the errors are printed. The scenario is the recording's own; --scenario names
     another, --set changes keys."""
     bag = bag_of(source)
+    if (source / "results.json").is_file() and not any(bag.glob("*.mcap*")):
+        raise InputError(f"{source}: has no recording; isogal montecarlo --smooth smooths a study")
     require_ros("smooth")
     from isogal_ros.graph.commands import smooth_command
 

@@ -15,12 +15,12 @@ from isogal.scenario import Assumed, Gravity, Settings, Truth
 from isogal.sensors.trajectory import Trajectory
 
 UNSPECIFIED_MAP_SIGMA = 2e-5
-"""m/s², of a map's disturbance where none is given and nothing measures gravity: between good
-surveys and terrain models."""
+"""m/s², of a map's disturbance where none is given, nor will be learnt: between good surveys and
+terrain models."""
 WORST_MAP_SIGMA = 8e-5
-"""m/s², that few maps exceed, as global models do among mountains; where none is given until the
-first batch of gravity has shown it. With less, what satellites say of tilts and biases in these
-minutes is believed too much, for good."""
+"""m/s², that few maps exceed, as global models do among mountains; where it will be learnt, until
+the first batch has shown it. With less, what satellites say of tilts and biases in these minutes
+is believed too much, for good."""
 RESOLUTION_SIGMA = 1e-6
 """m/s², 1-sigma of what is left of horizontal gravity for the cells of a map."""
 
@@ -143,9 +143,12 @@ def _assumed_map_sigma(settings: Settings, disturbance: ScalarMap) -> float:
     """Return the 1-sigma that a navigator assumes of a map of the disturbance, m/s²: as the map
     says, or that of the matcher if it matches gravity, where that is more."""
     assumed, stated = settings.matcher.map_sigma, float(np.nanmean(disturbance.sigma))
-    if measured_field(settings).instrument != "gravimeter":
+    of_gravity = measured_field(settings).instrument == "gravimeter"
+    if of_gravity and settings.matcher.learns_map_error:
+        return max(stated, WORST_MAP_SIGMA)
+    if assumed == "auto" or not of_gravity:
         return max(stated, UNSPECIFIED_MAP_SIGMA)
-    return max(stated, WORST_MAP_SIGMA if assumed == "auto" else float(assumed))
+    return max(stated, float(assumed))
 
 
 def _correlation_length(trajectory: Trajectory, along: Array) -> float:

@@ -60,6 +60,28 @@ def _earth(s: float, c: float, height: float, vn: float, ve: float) -> tuple[flo
 
 
 @kernel(**INLINE)
+def _turned(attitude: Quaternion, body: Vector, frame: Vector, coning: float) -> Quaternion:
+    """Turn an attitude by the rotations of the body and of the navigation frame over an interval,
+    rad, both in the latter's axes at its start.
+
+    The body turns at a constant rate against the navigation frame, so that frame's rotation z, as
+    the gyroscopes feel it, turns within the interval (`MEANS`, `ROTATIONS`). Else the coning of a
+    minute's turn costs metres."""
+    (an, ae, ad), (zn, ze, zd) = body, frame
+    qw, qx, qy, qz = attitude
+    pn, pe, pd = ae * zd - ad * ze, ad * zn - an * zd, an * ze - ae * zn
+    bw, bx, by, bz = from_short_rotation_vector(
+        an - zn + 0.5 * pn - (ae * pd - ad * pe) * coning,
+        ae - ze + 0.5 * pe - (ad * pn - an * pd) * coning,
+        ad - zd + 0.5 * pd - (an * pe - ae * pn) * coning,
+    )
+    qw, qx, qy, qz = multiply(bw, bx, by, bz, qw, qx, qy, qz)
+    # one Newton step keeps the norm at 1
+    scale = 1.5 - 0.5 * (qw * qw + qx * qx + qy * qy + qz * qz)
+    return (qw * scale, qx * scale, qy * scale, qz * scale)
+
+
+@kernel(**INLINE)
 def step(
     s: float,
     c: float,
@@ -132,19 +154,7 @@ def step(
     lon1 = lon + half * (ve + ve1) * inv_n / c_m
     h1 = h - half * (vd + vd1)
 
-    # The body turns at a constant rate against the navigation frame, so that frame's rotation z,
-    # as the gyroscopes feel it, turns within the interval (`MEANS`, `ROTATIONS`). Else the coning
-    # of a minute's turn costs metres.
-    pn, pe, pd = ae * zd - ad * ze, ad * zn - an * zd, an * ze - ae * zn
-    bw, bx, by, bz = from_short_rotation_vector(
-        an - zn + 0.5 * pn - (ae * pd - ad * pe) * coning,
-        ae - ze + 0.5 * pe - (ad * pn - an * pd) * coning,
-        ad - zd + 0.5 * pd - (an * pe - ae * pn) * coning,
-    )
-    qw, qx, qy, qz = multiply(bw, bx, by, bz, qw, qx, qy, qz)
-    # one Newton step keeps the norm at 1
-    scale = 1.5 - 0.5 * (qw * qw + qx * qx + qy * qy + qz * qz)
-    attitude = (qw * scale, qx * scale, qy * scale, qz * scale)
+    attitude = _turned(attitude, (an, ae, ad), (zn, ze, zd), coning)
     return (lat1, lon1, h1), (vn1, ve1, vd1), attitude
 
 

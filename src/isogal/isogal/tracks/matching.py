@@ -131,15 +131,8 @@ def match_fields(
         There are fewer than three readings, the matcher's options are wrong, the track's reduction
         does not fit the quantity, or fields are not of one track (`fields.check_fields`).
     """
-    check_fields(fields)
     matching = matcher or matcher_of(fields)
-    track, settings = fields[0].track, fields[0].settings
-    enough_readings(track)
-    if settings.batch_length < FEWEST:
-        raise InputError(
-            f"matcher.batch_length (--batch-length): must be at least {FEWEST} on a recorded track"
-        )
-    ends = batch_ends(len(track), settings)
+    track, settings, ends = fields[0].track, fields[0].settings, _batch_ends(fields)
     by_bank = isinstance(matching, TrackMatcher)
     earlier = matching.context + settings.batch_length - (settings.stride or settings.batch_length)
     prior, memory, unresolved = uncertainty.prior, None, 0
@@ -169,6 +162,18 @@ def match_fields(
         memory = after
         progress(len(matches), len(ends))
     return matches
+
+
+def _batch_ends(fields: Sequence[TrackField]) -> list[int]:
+    """Return where batches end; raises InputError where there can be none (`match_fields`)."""
+    check_fields(fields)
+    track, settings = fields[0].track, fields[0].settings
+    enough_readings(track)
+    if settings.batch_length < FEWEST:
+        raise InputError(
+            f"matcher.batch_length (--batch-length): must be at least {FEWEST} on a recorded track"
+        )
+    return batch_ends(len(track), settings)
 
 
 def _known(fix: Fix, batch: Batch, error: Array, covariance: Array) -> tuple[Array, Array]:

@@ -68,7 +68,7 @@ def run_command(
         Scenario, map, matcher, folders or ROS domain cannot be used.
     """
     if how.domain is None:
-        users_domain()  # one that is none is refused before the map is made
+        users_domain()  # a bad one is refused before the map is made
     typer.echo("Preparing the map and the route ...", err=True)
     trajectory, field_map = checked(scenario)
     for line in scenario.never_available(trajectory.time[-1]):
@@ -95,18 +95,16 @@ def run_command(
         typer.echo(f"Interrupted; all nodes have ended. Recorded so far: {folder}", err=True)
         return INTERRUPTED
     typer.echo(f"The graph took {wall:.1f} s; writing the report ...", err=True)
-    collector = Collector(scenario)
-    collector.take_bag(BagReader(folder))
+    (collector := Collector(scenario)).take_bag(BagReader(folder))
     summary = _evaluate(collector, trajectory, field_map, out, wall)
     if summary is None:
         note("the run has no scan, so there is nothing to report")
         return FAILED
     if json:
         print_json(summary)
-    else:
-        table = key_figures(summary)
-        below = f"Report: {out / 'report.html'}   recording: {folder}"
-        print_table(table.header, table.rows, below)
+        return 0
+    table, below = key_figures(summary), f"Report: {out / 'report.html'}   recording: {folder}"
+    print_table(table.header, table.rows, below)
     return 0
 
 

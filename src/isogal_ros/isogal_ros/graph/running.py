@@ -34,8 +34,8 @@ from isogal_ros.parameters.values import parameter_file
 
 PATIENCE = 15.0
 """s that a process gets to end after SIGINT, then after SIGTERM, before it is killed."""
-RESPAWN_DELAY = 1.0
-"""s after which a node that was killed is started again."""
+RESPAWN_DELAY, MOST_RESTARTS = 1.0, 100
+"""s after which a node that was killed is started again, and how often in one run."""
 LOG_LINES = 5
 """Last lines of a node's output that its end is described with."""
 SETTLED = 1.0
@@ -157,7 +157,8 @@ class Processes:
 
     def __init__(self, plan: Plan, folder: Path, domain: int, namespace: str = "") -> None:
         self._folder, self._namespace = folder, namespace
-        self._respawns = plan.checkpoint is not None
+        self._restarts = MOST_RESTARTS if plan.checkpoint is not None else 0
+        """How many are left."""
         make_folder(folder)
         own = {name: plan.own(name) for name in plan.names}
         text = parameter_file(plan.scenario, own)
@@ -199,8 +200,9 @@ class Processes:
             if name == topics.INS_SIM and code == 0:
                 return True
             # one that says that it failed would fail again
-            if not self._respawns or code >= 0:
+            if not self._restarts or code >= 0:
                 raise GraphError(self.describe(name, code))
+            self._restarts -= 1
             time.sleep(RESPAWN_DELAY)
             self.running[name] = self._start(name)
         return False

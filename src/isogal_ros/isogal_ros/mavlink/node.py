@@ -15,6 +15,7 @@ from isogal.errors import InputError
 from isogal.sensors.scans import Thinning
 from isogal_ros import topics
 from isogal_ros.mavlink.decoding import PATIENCE, ROWS, Receiver
+from isogal_ros.mavlink.destination import Destination, host_and_port
 from isogal_ros.mavlink.encoding import (
     GPS_INPUT,
     VISION,
@@ -70,8 +71,6 @@ class MavlinkSettings(NodeSettings):
 MAVLINK = "isogal_mavlink"
 EARLY = 0.05
 """Of the interval between messages, by which one may come before its time: stamps jitter."""
-AGAIN = 30.0
-"""s between look-ups of a host's name."""
 
 
 class MavlinkNode(GraphNode[MavlinkSettings]):
@@ -83,11 +82,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
     def setup(self) -> None:
         """Open the socket and make subscriptions."""
         self._dialect = _dialect()
-        self._host = _host_and_port("address", self.settings.address)
-        self._to: tuple[str, int] | None = None
-        """Address of the host; None = not known yet."""
-        self._again = 0.0
-        """When (s) it is looked up again: without a server of names that takes seconds."""
+        self._to = Destination(*host_and_port("address", self.settings.address))
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         # without it a datagram to all of a network is refused
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
@@ -103,7 +98,7 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         self._pace = Thinning(from_seconds(1.0 / self.settings.rate), EARLY)
         self._receiver: Receiver | None = None
         if self.settings.receive:
-            at = _host_and_port("receive", self.settings.receive)
+            at = host_and_port("receive", self.settings.receive)
             self._receiver = Receiver(self, self._dialect, at)
         if not self.settings.message:
             return
@@ -164,18 +159,16 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         self.health.state(OK, "sending")
 
     def _send(self, message: Any) -> None:
+        if self._to.address is None:
+            self.health.concern("sending", f"{self.settings.address}: {self._to.why}")
+            return
         try:
-            if self._to is None and self.monotonic() >= self._again:
-                self._again = self.monotonic() + AGAIN
-                self._to = socket.gethostbyname(self._host[0]), self._host[1]
-            if self._to is not None:
-                # the sequence number is that of this sender
-                self._socket.sendto(message.pack(self._mavlink), self._to)
-                self._mavlink.seq = (self._mavlink.seq + 1) % 256
-                self.health.concern("sending", None)
-        except (OSError, UnicodeError) as error:
-            why = getattr(error, "strerror", None) or error
-            self.health.concern("sending", f"{self.settings.address}: {why}")
+            # the sequence number is that of this sender
+            self._socket.sendto(message.pack(self._mavlink), self._to.address)
+            self._mavlink.seq = (self._mavlink.seq + 1) % 256
+            self.health.concern("sending", None)
+        except OSError as error:
+            self.health.concern("sending", f"{self.settings.address}: {error.strerror or error}")
 
     def _beat(self) -> None:
         if self.active:  # HEARTBEAT: onboard controller, no autopilot, active
@@ -193,17 +186,9 @@ class MavlinkNode(GraphNode[MavlinkSettings]):
         super().destroy_node()
 
     def _close_sockets(self) -> None:
-        for name in ("_socket", "_receiver"):
+        for name in ("_to", "_socket", "_receiver"):
             if (one := getattr(self, name, None)) is not None:
                 one.close()
-
-
-def _host_and_port(name: str, text: str) -> tuple[str, int]:
-    """Return what a parameter says; raises InputError where it is no ``host:port``."""
-    host, _, port = text.rpartition(":")
-    if not (host and port.isdecimal() and 0 < int(port) < 65536):
-        raise InputError(f"{name}: must be host:port, not {text!r}")
-    return host, int(port)
 
 
 def _dialect() -> ModuleType:

@@ -28,14 +28,15 @@ class Heartbeat:
 
     def __init__(self, node: "GraphNode") -> None:
         self._node, self._parent = node, parent_process()  # of `isogal run`
-        self._freed = self._beaten = time.monotonic()
+        self._freed = time.monotonic()
+        self._beaten: float | None = None
         self._text, self._until = "", 0.0
         """That it stood still, and until when it says so."""
 
     def beat(self) -> None:
         """Do what is due."""
         node, health, now = self._node, self._node.health, time.monotonic()
-        stood, self._beaten = now - self._beaten, now
+        stood, self._beaten = now - (self._beaten or now), now
         if stood > LEASE and (node.bus is None or not node.bus.alone):
             health.count("stood still")
             took = "others took it for gone, what they said is lost"

@@ -84,13 +84,21 @@ class _Library:
         )
 
 
-_library = cache(_Library)
+@cache
+def _library() -> _Library | None:
+    """Return them; None where there is no such library: then no publisher is known."""
+    try:
+        return _Library()
+    except (OSError, AttributeError):
+        return None
 
 
 def take_next(subscription: Subscription) -> tuple[bytes, bytes | None] | None:
     """Take the next message; return it, serialised, and what identifies its publisher (None = this
     middleware does not say), or None where there is no message."""
     library, handle = _library(), subscription.handle
+    if library is None:
+        return None
     with handle:
         status = library.take(
             handle.pointer, ctypes.byref(library.data), ctypes.byref(library.info), None

@@ -71,6 +71,8 @@ class Pmht:
     """Whether it estimates the parameters of a batch (`isogal.matching.parameters`)."""
     takes_filters: ClassVar[bool] = True
     """Whether readings through a specified low-pass filter stay where they were reported."""
+    learns_map_error: ClassVar[bool] = True
+    """Whether its fixes say how wrong the map is (`isogal.fix.Fix.map_error`)."""
     stride: ClassVar[int] = 5
     """New scans between fixes where none is specified: with fewer the result is the same, with
     more it waits longer for what the last readings say. Measured."""
