@@ -114,11 +114,14 @@ def again(folder, count: int, first: int) -> None:
     made.close()
 
 
-def test_a_recorder_that_was_started_again_keeps_what_there_was(tmp_path) -> None:
+@pytest.mark.parametrize("metadata", [None, "", "files: []"], ids=["whole", "empty", "another"])
+def test_a_recorder_that_was_started_again_keeps_what_there_was(tmp_path, metadata) -> None:
     bag = tmp_path / "bag"
     write(bag, 50)
     whole = (bag / "bag_0.mcap").read_bytes()
     (bag / "bag_0.mcap").write_bytes(whole[: len(whole) // 2])  # killed
+    if metadata is not None:
+        (bag / "metadata.yaml").write_text(metadata)
     kept = sum(1 for _ in BagReader(bag).messages())
     again(bag, 30, 60)
     assert [file.name for file in parts(bag)] == ["bag_0.mcap", "bag_1.mcap"]

@@ -1,6 +1,7 @@
 """``metadata.yaml`` of a bag, as rosbag2 writes it (version 9)."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,14 +78,14 @@ def file_entry(path: str, first: int, last: int, messages: int) -> Entry:
     }
 
 
-def earlier_files(folder: Path) -> list[Entry]:
-    """Return what ``metadata.yaml`` in a folder says of the files there; nothing where there is
-    none."""
-    path = folder / "metadata.yaml"
-    if not path.exists():
-        return []
-    document = parse_yaml(path.read_text(encoding="utf-8"), str(path))
-    return list(document["rosbag2_bagfile_information"]["files"])
+def earlier_files(folder: Path, files: Sequence[Path]) -> list[Entry]:
+    """Return what ``metadata.yaml`` in a folder says of files there; of others their names."""
+    known: dict[str, Entry] = {}
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        text = (folder / "metadata.yaml").read_text(encoding="utf-8")
+        document = parse_yaml(text, "metadata.yaml")
+        known = {one["path"]: one for one in document["rosbag2_bagfile_information"]["files"]}
+    return [known.get(file.name, file_entry(file.name, 0, 0, 0)) for file in files]
 
 
 def qos_entries(profiles: Iterable[QoSProfile]) -> list[JsonValue]:

@@ -104,7 +104,7 @@ class BagWriter:
         if not earlier:
             prepare_folder(self.folder, self.replace)
         self.path = self.folder / f"{self.folder.resolve().name}_{len(earlier)}.mcap"
-        self._earlier = earlier_files(self.folder)
+        self._earlier = earlier_files(self.folder, earlier)
         self._topics: dict[str, RecordedTopic] = {}
         self._first: int | None = None
         self._last = 0
