@@ -92,7 +92,8 @@ class Fix:
     """(7, 7) what the navigator's covariance must grow by beside that; None = nothing."""
     map_error: tuple[float, float] | None = None
     """1-sigma (m/s²) and correlation length (m) of the gravity map's error, as readings have shown
-    them; None = they have not, or the map is not one of gravity."""
+    them; None = they have not, or the map is not one of gravity. A matcher that says it has the
+    attribute `learns_map_error`, so that the navigator is careful until then."""
     scan_position: Array | None = None
     """(T, 2) rad, latitude and longitude of each scan, for retrodiction; None = only the last
     scan."""

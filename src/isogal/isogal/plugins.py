@@ -19,9 +19,11 @@ Looking names up reads the metadata of the installed packages and imports none o
 import difflib
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from typing import Any, TypeVar
 
 from isogal.errors import InputError
+
+T = TypeVar("T")
 
 MATCHERS = "isogal.matchers"
 MAP_FORMATS = "isogal.map_formats"
@@ -73,6 +75,13 @@ def load(group: str, name: str, kind: type = object) -> Any:
         raise InputError(
             f"{_NOUNS[group]} '{name}': its package gives no {kind.__module__}.{kind.__qualname__}"
         )
+    return found
+
+
+def says(group: str, name: str, attribute: str, otherwise: T) -> T:
+    """Return what the object that a group has under a name says in an attribute, or in its place
+    where it has none; raises as `load`."""
+    found: T = getattr(load(group, name), attribute, otherwise)
     return found
 
 

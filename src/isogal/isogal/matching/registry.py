@@ -96,7 +96,7 @@ def require(name: str, ability: str, key: str) -> None:
 
 def able(name: str, ability: str) -> bool:
     """Return whether a matcher has an ability: an attribute of its class."""
-    return bool(getattr(plugins.load(plugins.MATCHERS, name), ability, False))
+    return plugins.says(plugins.MATCHERS, name, ability, False)
 
 
 def check_options(matcher: str, options: Mapping[str, Any], model: type[Options]) -> Options:

@@ -46,14 +46,11 @@ class Matcher(Section):
         """
         if self.stride is not None:
             return self.stride
-        return min(self._says("stride", self.batch_length), self.batch_length)
+        best = plugins.says(plugins.MATCHERS, self.name, "stride", self.batch_length)
+        return min(best, self.batch_length)
 
     @property
     def learns_map_error(self) -> bool:
         """Whether the map's error is not specified, and its fixes will say what it is."""
-        return self.map_sigma == "auto" and bool(self._says("learns_map_error", False))
-
-    def _says(self, attribute: str, otherwise: int) -> int:
-        """Return what the matcher's class has for an attribute."""
-        found: int = getattr(plugins.load(plugins.MATCHERS, self.name), attribute, otherwise)
-        return found
+        learns = plugins.says(plugins.MATCHERS, self.name, "learns_map_error", False)
+        return learns and self.map_sigma == "auto"
